@@ -1,0 +1,82 @@
+"""The action tree: named branches of named actions (paper section 3.3), flattened to one `Discrete`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activelsd.errors import ConfigError
+
+CLASSIFY = "classify"
+NAVIGATE = "navigate"
+
+
+class ActionTree:
+    """Named branches of named actions.
+
+    Actions are numbered branch after branch, in the order given: with `classify` first, class `i` is
+    action `i`. A user adds a move by giving its name, or a whole branch by giving its actions.
+
+    Attributes:
+        branches: branch names, in order.
+        leaves: per branch the names of its actions.
+        n: number of actions over all branches.
+        branch_of: int64 (n,), the branch each action belongs to.
+        sizes: per branch its number of actions.
+    """
+
+    def __init__(self, branches: Mapping[str, Sequence[str]]) -> None:
+        """Build the tree.
+
+        Raises:
+            ConfigError: there is no branch, a branch is empty, or a name stands twice in a branch.
+        """
+        if not branches:
+            raise ConfigError("An action tree needs at least one branch.")
+        for branch, leaves in branches.items():
+            if not leaves:
+                raise ConfigError(f"Branch '{branch}' of the action tree has no action; name at least one.")
+            if len(set(leaves)) != len(leaves):
+                twice = next(leaf for leaf in leaves if list(leaves).count(leaf) > 1)
+                raise ConfigError(f"Branch '{branch}' of the action tree names '{twice}' twice.")
+        self.branches: tuple[str, ...] = tuple(branches)
+        self.leaves: tuple[tuple[str, ...], ...] = tuple(tuple(leaves) for leaves in branches.values())
+        self.sizes: tuple[int, ...] = tuple(len(leaves) for leaves in self.leaves)
+        self.n: int = sum(self.sizes)
+        self.branch_of: NDArray[np.int64] = np.repeat(np.arange(len(self.sizes)), self.sizes)
+        self._first = np.concatenate([[0], np.cumsum(self.sizes)]).tolist()
+        self._index = {name: i for i, name in enumerate(self.names)}
+
+    @classmethod
+    def answer_or_move(cls, classes: Iterable[str], moves: Iterable[str]) -> ActionTree:
+        """The paper's tree: `classify` over the classes, `navigate` over the moves."""
+        return cls({CLASSIFY: tuple(classes), NAVIGATE: tuple(moves)})
+
+    @property
+    def names(self) -> tuple[tuple[str, str], ...]:
+        """(branch, action) of every action, in order."""
+        return tuple((b, leaf) for b, leaves in zip(self.branches, self.leaves, strict=True) for leaf in leaves)
+
+    def index(self, branch: str, leaf: str) -> int:
+        """Number of an action. Raises KeyError where the tree has none of that name."""
+        return self._index[branch, leaf]
+
+    def span(self, branch: str) -> slice:
+        """The slice of actions that a branch covers."""
+        i = self.branches.index(branch)
+        return slice(self._first[i], self._first[i + 1])
+
+    def to_dict(self) -> dict[str, list[str]]:
+        """The tree as plain lists, for JSON and YAML."""
+        return {b: list(leaves) for b, leaves in zip(self.branches, self.leaves, strict=True)}
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ActionTree) and self.to_dict() == other.to_dict()
+
+    def __hash__(self) -> int:
+        return hash((self.branches, self.leaves))
+
+    def __repr__(self) -> str:
+        return f"ActionTree({', '.join(f'{b}: {n}' for b, n in zip(self.branches, self.sizes, strict=True))})"

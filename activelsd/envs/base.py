@@ -1,0 +1,164 @@
+"""The one Gymnasium environment all worlds share: rules, stacking, rewards and ends; a backend only looks and moves."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections import deque
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from activelsd.envs.actions import CLASSIFY, ActionTree
+from activelsd.envs.episode import Episode, EpisodeRules, View
+
+Observation = dict[str, NDArray[Any]]
+
+
+def observation_space(size: int, frames: int, *, crops: bool) -> gymnasium.spaces.Dict:
+    """What every world shows: `frames` (K, S, S), `target` (K, 5) and, where boxes are small, `crops` (K, S, S)."""
+    picture = gymnasium.spaces.Box(0, 255, (frames, size, size), np.uint8)
+    spaces: dict[str, gymnasium.Space[Any]] = {
+        "frames": picture,
+        "target": gymnasium.spaces.Box(0.0, 1.0, (frames, 5), np.float32),
+    }
+    if crops:
+        spaces["crops"] = gymnasium.spaces.Box(0, 255, (frames, size, size), np.uint8)
+    return gymnasium.spaces.Dict(spaces)
+
+
+class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
+    """An agent looks at a target, moves to better views, and names it.
+
+    Every step is either an answer (an action of the `classify` branch) or a move (any other action). A move
+    gives the next view, a blocked move the same view again, an answer leaves the view as it is. The T-th
+    action is the last: only answers are legal there, and `info["action_mask"]` says so; an agent that moves
+    all the same ends the episode without an answer.
+
+    Observation: `Dict` of `frames` uint8 (K, S, S), newest last, the first look repeated at reset; `target`
+    float32 (K, 5), the box as fractions of the frame and whether it is in sight; `crops` uint8 (K, S, S)
+    where `crops` is on. Neither label nor pose nor scene is in it.
+
+    Info: `views` seen so far, `moved` (the last action changed the view), `action_mask` bool (n,), and of
+    the episode `episode_id` (give it to `reset(options={"episode": id})` to replay), `scene`, `target`,
+    `label`, `start`, `split`; `backend` names what made the pictures.
+
+    A backend implements:
+        draw_episode: what to ask, from `self.np_random`; it puts the agent at the start.
+        look: the view from where the agent is.
+        try_move: go where a move leads; False where the way is blocked.
+
+    Set by the constructor:
+        tree: the actions and their names.
+        rules: rewards and ends.
+        backend: what makes the pictures, for example `modelnet` or `standin`.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 2}
+
+    def __init__(
+        self,
+        tree: ActionTree,
+        rules: EpisodeRules,
+        *,
+        size: int,
+        frames: int,
+        crops: bool,
+        backend: str,
+        render_mode: str | None = None,
+    ) -> None:
+        self.tree = tree
+        self.rules = rules
+        self.backend = backend
+        self.render_mode = render_mode
+        self.observation_space = observation_space(size, frames, crops=crops)
+        self.action_space = gymnasium.spaces.Discrete(tree.n)
+        self._answers = tree.span(CLASSIFY)
+        self._crops = crops
+        self._seen: deque[View] = deque(maxlen=frames)
+        self._episode: Episode | None = None
+
+    @abstractmethod
+    def draw_episode(self, options: dict[str, Any]) -> Episode:
+        """Choose the next episode and stand at its start; `options["episode"]` is the id of one to replay."""
+
+    @abstractmethod
+    def look(self) -> View:
+        """The view from where the agent stands."""
+
+    @abstractmethod
+    def try_move(self, name: str) -> bool:
+        """Go where a move leads; False, and no change, where it is blocked."""
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode: `views` is 1, and the first look stands in all K places of the stack."""
+        super().reset(seed=seed)
+        self._episode = self.draw_episode(options or {})
+        self._taken, self._views = 0, 1
+        view = self.look()
+        for _ in range(self._seen.maxlen or 1):
+            self._seen.append(view)
+        return self._observation(), self._info(moved=False)
+
+    def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Answer or move. Raises ResetNeeded before the first `reset`."""
+        if self._episode is None:
+            raise gymnasium.error.ResetNeeded("Call reset before the first step.")
+        rules, action = self.rules, int(action)
+        last = self._taken + 1 >= rules.max_views
+        self._taken += 1
+        if self._answers.start <= action < self._answers.stop:
+            moved = False
+            right = action - self._answers.start == self._episode.label
+            reward = rules.right if right else rules.wrong
+            terminated = rules.ends_on_right if right else rules.ends_on_wrong
+        else:
+            moved = rules.can_move and not last and self.try_move(self.tree.names[action][1])
+            reward = rules.move if moved else rules.blocked
+            terminated = False
+            if not last:
+                self._views += 1
+                self._seen.append(self.look())
+        return self._observation(), reward, terminated, last and not terminated, self._info(moved=moved)
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """The newest frame as RGB (S, S, 3) in mode `rgb_array`."""
+        if self.render_mode is None or not self._seen:
+            return None
+        return np.repeat(self._seen[-1].frame[:, :, None], 3, axis=2)
+
+    def action_mask(self) -> NDArray[np.bool_]:
+        """bool (n,): the legal actions; only answers where moving is ruled out or this action is the last."""
+        mask = np.ones(self.tree.n, bool)
+        if not self.rules.can_move or self._taken + 1 >= self.rules.max_views:
+            mask[:] = False
+            mask[self._answers] = True
+        return mask
+
+    def _observation(self) -> Observation:
+        observation: Observation = {
+            "frames": np.stack([view.frame for view in self._seen]),
+            "target": np.stack([view.target for view in self._seen]),
+        }
+        if self._crops:
+            observation["crops"] = np.stack([view.crop for view in self._seen if view.crop is not None])
+        return observation
+
+    def _info(self, *, moved: bool) -> dict[str, Any]:
+        episode = self._episode
+        assert episode is not None
+        return {
+            "views": self._views,
+            "moved": moved,
+            "action_mask": self.action_mask(),
+            "backend": self.backend,
+            "episode_id": episode.id,
+            "scene": episode.scene,
+            "target": episode.target,
+            "label": episode.label,
+            "start": episode.start,
+            "split": episode.split,
+        }

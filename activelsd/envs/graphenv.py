@@ -1,0 +1,81 @@
+"""One episode at a time on a `ViewGraph`: the recorded backend of `ActiveVisionEnv`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from activelsd.envs.actions import ActionTree
+from activelsd.envs.base import ActiveVisionEnv
+from activelsd.envs.draws import draw, draw_key
+from activelsd.envs.episode import Episode, EpisodeRules, View
+from activelsd.envs.viewgraph import ViewGraph
+from activelsd.errors import DataError
+
+
+def tree_of(graph: ViewGraph) -> ActionTree:
+    """The tree of a graph: its classes to answer with, its moves to make."""
+    if not graph.move_names:
+        raise DataError("This graph of views has no move; name at least one in `navigate`.")
+    return ActionTree.answer_or_move(graph.classes, graph.move_names)
+
+
+class ViewGraphEnv(ActiveVisionEnv):
+    """Episodes drawn uniformly from the starts of a split. See `ActiveVisionEnv` for spaces and info."""
+
+    def __init__(
+        self,
+        graph: ViewGraph,
+        rules: EpisodeRules,
+        *,
+        split: str = "train",
+        frames: int = 3,
+        backend: str = "recording",
+        render_mode: str | None = None,
+    ) -> None:
+        super().__init__(
+            tree_of(graph),
+            rules,
+            size=graph.size,
+            frames=frames,
+            crops=graph.crops is not None,
+            backend=backend,
+            render_mode=render_mode,
+        )
+        self.graph = graph
+        self._starts = graph.starts(split)
+        self._column = {name: i for i, name in enumerate(graph.move_names)}
+        self._key: int | None = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """As the base; a seed begins a new stream of episodes, without one the stream goes on."""
+        if seed is not None:
+            self._key = None
+        return super().reset(seed=seed, options=options)
+
+    def draw_episode(self, options: dict[str, Any]) -> Episode:
+        """The stream's next episode, or the one named in `options["episode"]`."""
+        if self._key is None:
+            self._key, self._drawn = draw_key(self.np_random), 0
+        if "episode" in options:
+            row = self.graph.find(options["episode"])
+        else:
+            key, count = np.array([self._key]), np.array([self._drawn])
+            row = int(self._starts[draw(key, count, len(self._starts))[0]])
+            self._drawn += 1
+        self._view, self._target = int(self.graph.start_view[row]), int(self.graph.start_target[row])
+        return self.graph.episode(row)
+
+    def look(self) -> View:
+        """The recorded view."""
+        graph = self.graph
+        crop = None if graph.crops is None else graph.crop(self._view, self._target)
+        return View(graph.frames[self._view], graph.target_box(self._view, self._target), crop)
+
+    def try_move(self, name: str) -> bool:
+        """Follow the edge of that name."""
+        to = int(self.graph.moves[self._view, self._column[name]])
+        if to >= 0:
+            self._view = to
+        return to >= 0

@@ -1,0 +1,245 @@
+"""B episodes on a `ViewGraph` advanced by array indexing, on the CPU or beside the network on a GPU."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+from torch import Tensor
+
+from activelsd.envs.actions import CLASSIFY
+from activelsd.envs.base import observation_space
+from activelsd.envs.draws import draw, draw_key
+from activelsd.envs.episode import WHOLE_FRAME, EpisodeRules
+from activelsd.envs.graphenv import tree_of
+from activelsd.envs.viewgraph import ViewGraph
+
+STATE = ("keys", "drawn", "row", "seen", "taken", "views")
+"""What, beside the graph and the rules, fixes how a `ViewGraphVectorEnv` goes on."""
+
+
+class Step(NamedTuple):
+    """What B actions led to, before any of the episodes that ended is replaced."""
+
+    reward: Tensor  # (B,) float32
+    terminated: Tensor  # (B,) bool
+    truncated: Tensor  # (B,) bool
+    answer: Tensor  # (B,) int64 class named, -1 for a move
+    moved: Tensor  # (B,) bool
+    views: Tensor  # (B,) int64 views seen when the action was taken
+    row: Tensor  # (B,) int64 start row of the episode played
+
+
+class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
+    """B copies of `ViewGraphEnv`, action for action, in SAME_STEP autoreset mode.
+
+    Two faces on one state: Gymnasium's `reset` and `step` speak NumPy and fill `info`; `begin`, `observe` and
+    `advance` speak tensors on `device` and never copy to the host, which is what the resident trainer uses.
+
+    With a `playlist` of start rows the episodes come from it instead of the stream: environment i plays
+    rows i, i+B, i+2B, … and, when there are none left, goes on with its last one.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.SAME_STEP}
+
+    def __init__(
+        self,
+        graph: ViewGraph,
+        rules: EpisodeRules,
+        *,
+        num_envs: int,
+        split: str = "train",
+        frames: int = 3,
+        backend: str = "recording",
+        device: str | torch.device = "cpu",
+        playlist: NDArray[np.int64] | None = None,
+    ) -> None:
+        self.num_envs = num_envs
+        self.graph, self.tree, self.rules = graph, tree_of(graph), rules
+        self.device = torch.device(device)
+        self.backend = backend
+        self.single_observation_space = observation_space(graph.size, frames, crops=graph.crops is not None)
+        self.single_action_space = gymnasium.spaces.Discrete(self.tree.n)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._k = frames
+        self._answers = self.tree.span(CLASSIFY)
+        self._load(playlist if playlist is not None else graph.starts(split))
+        self._listed = playlist is not None
+
+    def _load(self, rows: NDArray[np.int64]) -> None:
+        """Put the graph's arrays on the device, once."""
+        graph = self.graph
+
+        def put(array: NDArray[Any]) -> Tensor:
+            return torch.from_numpy(np.asarray(array)).to(self.device)
+
+        self._frames = put(graph.frames)
+        self._moves = put(graph.moves).long()
+        self._labels = put(graph.labels)
+        self._start_view, self._start_target = put(graph.start_view).long(), put(graph.start_target).long()
+        self._rows = put(rows)
+        self._pairs = None if graph.pair_of is None else put(graph.pair_of).long()
+        # One row more than there are pairs, so that -1 (out of sight) finds a box and a crop of zeros.
+        if graph.boxes is not None:
+            boxes = torch.cat([put(graph.boxes), torch.ones(len(graph.boxes), 1, device=self.device)], 1)
+            self._boxes = torch.cat([boxes, boxes.new_zeros(1, 5)])
+        if graph.crops is not None:
+            crops = put(graph.crops)
+            self._crops = torch.cat([crops, crops.new_zeros(1, *crops.shape[1:])])
+        self._whole = torch.tensor(WHOLE_FRAME, device=self.device)
+        answers = torch.zeros(self.tree.n, dtype=torch.bool, device=self.device)
+        answers[self._answers] = True
+        self._only_answers = answers
+
+    def begin(self, seed: int | list[int | None] | None = None) -> None:
+        """Start B episodes; environment i's stream is that of a single environment seeded with `seed + i`."""
+        b, device = self.num_envs, self.device
+        if seed is not None or not hasattr(self, "_keys"):
+            seeds = seed if isinstance(seed, list) else [None if seed is None else seed + i for i in range(b)]
+            keys = [draw_key(gymnasium.utils.seeding.np_random(s)[0]) for s in seeds]
+            self._keys = torch.tensor(keys, device=device)
+            self._drawn = torch.zeros(b, dtype=torch.int64, device=device)
+        self._row = torch.zeros(b, dtype=torch.int64, device=device)
+        self._seen = torch.zeros(b, self._k, dtype=torch.int64, device=device)
+        self._taken, self._views = torch.zeros_like(self._row), torch.ones_like(self._row)
+        self._replace(torch.ones(b, dtype=torch.bool, device=device))
+
+    def _replace(self, ended: Tensor) -> None:
+        """Give every ended episode's place to its environment's next one; no host synchronisation."""
+        if self._listed:
+            index = torch.arange(self.num_envs, device=self.device) + self._drawn * self.num_envs
+            index = index.clamp(max=len(self._rows) - 1)
+        else:
+            index = draw(self._keys, self._drawn, len(self._rows))
+        row = self._rows[index]
+        self._row = torch.where(ended, row, self._row)
+        self._seen = torch.where(ended[:, None], self._start_view[row][:, None], self._seen)
+        self._target = self._start_target[self._row]
+        self._taken = self._taken.masked_fill(ended, 0)
+        self._views = self._views.masked_fill(ended, 1)
+        self._drawn = self._drawn + ended
+
+    def state(self) -> dict[str, Tensor]:
+        """Where every episode stands, so that `load_state` goes on from here."""
+        return {name: getattr(self, f"_{name}") for name in STATE}
+
+    def load_state(self, tensors: dict[str, Tensor]) -> None:
+        """Take back what `state` gave."""
+        for name in STATE:
+            setattr(self, f"_{name}", tensors[name].to(self.device))
+        self._target = self._start_target[self._row]
+
+    def observe(self) -> dict[str, Tensor]:
+        """`frames` uint8 (B, K, S, S), `target` float32 (B, K, 5), and `crops` where the graph has them."""
+        observation = {"frames": self._frames[self._seen]}
+        if self._pairs is None:
+            observation["target"] = self._whole.expand(*self._seen.shape, 5)
+        else:
+            pairs = self._pairs[self._seen, self._target[:, None]]
+            observation["target"] = self._boxes[pairs]
+            if self.graph.crops is not None:
+                observation["crops"] = self._crops[pairs]
+        return observation
+
+    @property
+    def labels(self) -> Tensor:
+        """(B,) int64 class of each target."""
+        return self._labels[self._target]
+
+    @property
+    def drawn(self) -> Tensor:
+        """(B,) int64 episodes each environment has begun."""
+        return self._drawn
+
+    def mask(self) -> Tensor:
+        """(B, n) bool: the legal actions."""
+        if not self.rules.can_move:
+            return self._only_answers.expand(self.num_envs, -1)
+        return self._only_answers | (self._taken + 1 < self.rules.max_views)[:, None]
+
+    def advance(self, actions: Tensor) -> Step:
+        """Take B actions (int64, (B,)); episodes that end are replaced by the next at once."""
+        rules = self.rules
+        answers = self._only_answers[actions]
+        answer = torch.where(answers, actions - self._answers.start, -1)
+        right = answer == self.labels
+        last = self._taken + 1 >= rules.max_views
+
+        # Where a move leads; columns of the graph's table are the actions that are not answers, in order.
+        column = (actions - self._answers.stop).clamp(min=0)
+        to = self._moves[self._seen[:, -1], column]
+        tried = ~answers & ~last
+        moved = tried & (to >= 0) if rules.can_move else torch.zeros_like(tried)
+        here = torch.where(moved, to, self._seen[:, -1])
+        pushed = torch.cat([self._seen[:, 1:], here[:, None]], 1)
+        self._seen = torch.where(tried[:, None], pushed, self._seen)
+
+        # Rewards and ends, Table 1.
+        named = torch.where(right, rules.right, rules.wrong)
+        stepped = torch.where(moved, rules.move, rules.blocked)
+        reward = torch.where(answers, named, stepped).float()
+        terminated = answers & ((right & rules.ends_on_right) | (~right & rules.ends_on_wrong))
+        truncated = last & ~terminated
+        self._taken = self._taken + 1
+        views, row = self._views, self._row
+        self._views = self._views + tried
+        self._final = (self._seen, self._target, self._taken)
+        self._replace(terminated | truncated)
+        return Step(reward, terminated, truncated, answer, moved, views, row)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Gymnasium's reset; no options are known."""
+        self.begin(seed)
+        rows = self._row.tolist()
+        return self._numpy(self.observe()), self._infos(rows, self._views, torch.zeros(self.num_envs) > 0)
+
+    def step(
+        self, actions: NDArray[np.int64]
+    ) -> tuple[dict[str, NDArray[Any]], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Gymnasium's step; where an episode ends, `final_obs` and `final_info` hold its last."""
+        step = self.advance(torch.as_tensor(actions, device=self.device).long())
+        ended = step.terminated | step.truncated
+        infos = self._infos(self._row.tolist(), self._views, step.moved & ~ended)
+        if bool(ended.any()):
+            self._add_finals(infos, step, ended.cpu().numpy())
+        outcome = (step.reward, step.terminated, step.truncated)
+        reward, terminated, truncated = (x.cpu().numpy() for x in outcome)
+        return self._numpy(self.observe()), reward, terminated, truncated, infos
+
+    def _numpy(self, observation: dict[str, Tensor]) -> dict[str, NDArray[Any]]:
+        return {name: np.ascontiguousarray(value.cpu().numpy()) for name, value in observation.items()}
+
+    def _infos(self, rows: list[int], views: Tensor, moved: Tensor) -> dict[str, Any]:
+        """Gymnasium's dict of arrays for the episodes now running."""
+        episodes = [self.graph.episode(row) for row in rows]
+        infos: dict[str, Any] = {
+            "views": views.cpu().numpy().copy(),
+            "moved": moved.cpu().numpy(),
+            "action_mask": self.mask().cpu().numpy().copy(),
+            "backend": np.array([self.backend] * len(rows), object),
+            "episode_id": np.array([e.id for e in episodes], object),
+            "label": np.array([e.label for e in episodes]),
+        }
+        for name in ("scene", "target", "start", "split"):
+            infos[name] = np.array([getattr(e, name) for e in episodes], object)
+        return infos | {f"_{name}": np.ones(len(rows), bool) for name in infos}
+
+    def _add_finals(self, infos: dict[str, Any], step: Step, ended: NDArray[np.bool_]) -> None:
+        """Last observation and info of the episodes that ended in this step."""
+        now = self._seen, self._target, self._taken
+        self._seen, self._target, self._taken = self._final
+        last = self._numpy(self.observe())
+        infos["final_info"] = self._infos(step.row.tolist(), step.views, step.moved)
+        self._seen, self._target, self._taken = now
+        infos["final_obs"] = np.array(
+            [{k: v[i] for k, v in last.items()} if ended[i] else None for i in range(self.num_envs)], object
+        )
+        infos["_final_obs"] = infos["_final_info"] = ended

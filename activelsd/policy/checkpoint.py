@@ -1,0 +1,58 @@
+"""A network on disk: safetensors for the weights, JSON for what they mean; nothing is ever unpickled."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from activelsd.envs.actions import ActionTree
+from activelsd.errors import RunError
+from activelsd.policy.lsdnet import LSDNet, NetworkShape
+
+WEIGHTS, MEANING = "network.safetensors", "network.json"
+
+
+def save_network(network: LSDNet, folder: Path) -> None:
+    """Write weights, action names and shape into an existing folder (the caller renames the folder into place)."""
+    save_tensors(network.state_dict(), folder / WEIGHTS)
+    meaning = {"actions": network.tree.to_dict(), "shape": asdict(network.shape)}
+    (folder / MEANING).write_text(json.dumps(meaning, indent=1) + "\n")
+
+
+def load_network(folder: Path, device: str | torch.device = "cpu") -> LSDNet:
+    """Read a network back.
+
+    Raises:
+        RunError: the files are missing, truncated, or of another program.
+    """
+    try:
+        meaning = json.loads((folder / MEANING).read_text())
+        network = LSDNet(ActionTree(meaning["actions"]), NetworkShape(**meaning["shape"]))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise RunError(f"{folder / MEANING} is not a network's description ({error}); use another run.") from None
+    tensors = load_tensors(folder / WEIGHTS)
+    try:
+        network.load_state_dict(tensors)
+    except RuntimeError as error:
+        reason = str(error).splitlines()[-1].strip()
+        raise RunError(f"{folder / WEIGHTS} does not fit {MEANING} beside it: {reason}") from None
+    return network.to(device)
+
+
+def save_tensors(tensors: dict[str, Tensor], path: Path) -> None:
+    """Write named tensors; memory layouts are not kept, values and types are."""
+    save_file({name: value.detach().cpu().contiguous() for name, value in tensors.items()}, path)
+
+
+def load_tensors(path: Path) -> dict[str, Tensor]:
+    """Read named tensors. Raises RunError where the file is missing or truncated."""
+    try:
+        return load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise RunError(f"{path} cannot be read ({error}); use an earlier checkpoint or another run.") from None

@@ -1,0 +1,171 @@
+"""Distributions over an action tree: the paper's hierarchy of softmaxes (section 3.3), and its single softmax."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from activelsd.envs.actions import CLASSIFY, ActionTree
+
+
+class Epsilon(NamedTuple):
+    """Probability of a uniformly random choice at each level of the tree."""
+
+    branch: float = 0.0
+    leaf: float = 0.0
+
+
+class Entropy(NamedTuple):
+    """Entropy in nats of the policy before epsilon is mixed in, per level of the tree, each (...)."""
+
+    branch: Tensor
+    leaf: Tensor  # of the branches' leaves, weighted by the probability of the branch
+
+
+class ActionDistribution:
+    """A distribution over the n actions of a tree, over any leading shape.
+
+    Attributes:
+        log_probs: (..., n) log-probability of every action, epsilon mixed in; -inf where it is not legal.
+    """
+
+    log_probs: Tensor
+
+    def log_prob(self, actions: Tensor) -> Tensor:
+        """(...) log-probability of int64 actions (...)."""
+        return self.log_probs.gather(-1, actions[..., None]).squeeze(-1)
+
+    def sample(self, generator: torch.Generator | None = None) -> Tensor:
+        """(...) int64 actions drawn from the distribution."""
+        probs = self.log_probs.detach().exp()
+        flat = torch.multinomial(probs.reshape(-1, probs.shape[-1]), 1, generator=generator)
+        return flat.reshape(probs.shape[:-1])
+
+    @abstractmethod
+    def mode(self) -> Tensor:
+        """(...) int64 the greedy action, decided level by level, without epsilon."""
+
+    @abstractmethod
+    def entropy(self) -> Entropy:
+        """Entropy per level."""
+
+    @abstractmethod
+    def branch_probs(self) -> Tensor:
+        """(..., branches) probability of each branch, without epsilon."""
+
+    @abstractmethod
+    def class_log_probs(self) -> Tensor:
+        """(..., m) log-probability of each class given that the agent answers, without epsilon."""
+
+
+def _mix(log_p: Tensor, legal: Tensor, epsilon: float) -> Tensor:
+    """log of (1 - epsilon) p + epsilon u, with u uniform over what is legal; -inf elsewhere."""
+    if epsilon == 0.0:
+        return log_p
+    uniform = legal / legal.sum(-1, keepdim=True).clamp(min=1)
+    mixed = (1.0 - epsilon) * log_p.exp() + epsilon * uniform
+    # The inner fill keeps log away from zero: its gradient there would be NaN even though it is not used.
+    return mixed.masked_fill(~legal, 1.0).log().masked_fill(~legal, -torch.inf)
+
+
+def _log_softmax(logits: Tensor, legal: Tensor) -> Tensor:
+    """log-softmax over what is legal; where nothing is, -inf everywhere and no NaN in the gradient."""
+    log_p = logits.masked_fill(~legal, torch.finfo(logits.dtype).min).log_softmax(-1)
+    return log_p.masked_fill(~legal, -torch.inf)
+
+
+def _entropy(log_p: Tensor) -> Tensor:
+    return -(log_p.exp() * log_p.masked_fill(log_p.isneginf(), 0.0)).sum(-1)
+
+
+class TreeCategorical(ActionDistribution):
+    """log pi(a) = log pi(branch) + log pi(leaf given branch), epsilon mixed in at both levels."""
+
+    def __init__(
+        self,
+        tree: ActionTree,
+        branch_logits: Tensor,
+        leaf_logits: Tensor,
+        mask: Tensor,
+        epsilon: Epsilon = Epsilon(),
+    ) -> None:
+        """Build from logits.
+
+        Args:
+            tree: names and branches of the actions.
+            branch_logits: (..., branches).
+            leaf_logits: (..., n).
+            mask: (..., n) bool, the legal actions; at least one in every row.
+            epsilon: probability of a random choice per level.
+        """
+        legal = [mask[..., tree.span(b)] for b in tree.branches]
+        open_branch = torch.stack([x.any(-1) for x in legal], -1)
+        self._tree = tree
+        self._branch = _log_softmax(branch_logits, open_branch)
+        self._leaves = [
+            _log_softmax(leaf_logits[..., tree.span(b)], ok)
+            for b, ok in zip(tree.branches, legal, strict=True)
+        ]
+        acting = _mix(self._branch, open_branch, epsilon.branch)
+        self.log_probs = torch.cat(
+            [
+                acting[..., i, None] + _mix(leaf, ok, epsilon.leaf)
+                for i, (leaf, ok) in enumerate(zip(self._leaves, legal, strict=True))
+            ],
+            -1,
+        )
+
+    def mode(self) -> Tensor:
+        """The likeliest leaf of the likeliest branch."""
+        best = torch.stack([x.argmax(-1) + self._tree.span(b).start for x, b in self._named()], -1)
+        return best.gather(-1, self._branch.argmax(-1, keepdim=True)).squeeze(-1)
+
+    def entropy(self) -> Entropy:
+        """H(branch), and the sum over branches of pi(branch) H(leaf given branch)."""
+        leaves = torch.stack([_entropy(x) for x in self._leaves], -1)
+        return Entropy(_entropy(self._branch), (self._branch.exp() * leaves).sum(-1))
+
+    def branch_probs(self) -> Tensor:
+        """(..., branches)."""
+        return self._branch.exp()
+
+    def class_log_probs(self) -> Tensor:
+        """(..., m)."""
+        return self._leaves[self._tree.branches.index(CLASSIFY)]
+
+    def _named(self) -> zip[tuple[Tensor, str]]:
+        return zip(self._leaves, self._tree.branches, strict=True)
+
+
+class FlatCategorical(ActionDistribution):
+    """One softmax over all actions, which the paper compares its tree with; epsilon is that of the leaf level."""
+
+    def __init__(
+        self, tree: ActionTree, logits: Tensor, mask: Tensor, epsilon: Epsilon = Epsilon()
+    ) -> None:
+        """As `TreeCategorical`, with logits (..., n)."""
+        self._tree, self._logits, self._mask = tree, logits, mask
+        self._log_p = _log_softmax(logits, mask)
+        self.log_probs = _mix(self._log_p, mask, epsilon.leaf)
+
+    def mode(self) -> Tensor:
+        """The likeliest action."""
+        return self._log_p.argmax(-1)
+
+    def entropy(self) -> Entropy:
+        """All of it at the leaf level: there is no other."""
+        leaf = _entropy(self._log_p)
+        return Entropy(torch.zeros_like(leaf), leaf)
+
+    def branch_probs(self) -> Tensor:
+        """(..., branches), summed over each branch's actions."""
+        p = self._log_p.exp()
+        return torch.stack([p[..., self._tree.span(b)].sum(-1) for b in self._tree.branches], -1)
+
+    def class_log_probs(self) -> Tensor:
+        """(..., m), renormalised over the classes."""
+        span = self._tree.span(CLASSIFY)
+        return _log_softmax(self._logits[..., span], self._mask[..., span])

@@ -1,0 +1,97 @@
+"""Convolutional trunks: a stack of gray frames in, one feature vector out."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from activelsd.errors import ConfigError
+
+
+def _conv_size(size: int, kernel: int, stride: int, padding: int) -> int:
+    return (size + 2 * padding - kernel) // stride + 1
+
+
+class AlexNet(nn.Module):
+    """The paper's trunk (section 3.2, Figure 2): AlexNet's layers on 224 px, two layers of 4096 units.
+
+    The text's kernels of depth 192 are AlexNet's two-group split; here the layers are whole.
+    """
+
+    features = 4096
+
+    def __init__(self, channels: int, size: int) -> None:
+        super().__init__()
+        # Without padding in the first layer and the pools, 63 px is the least that leaves one pixel.
+        side = _conv_size(size, 11, 4, 2)
+        for _ in range(3):
+            side = _conv_size(side, 3, 2, 0)
+        if side < 1:
+            raise ConfigError(f"Trunk 'alexnet' needs frames of at least 63 px, not {size}; set env.size=224.")
+        norm = {"size": 5, "alpha": 1e-4, "beta": 0.75, "k": 2.0}
+        self.convolutions = nn.Sequential(
+            nn.Conv2d(channels, 64, 11, 4, 2),
+            nn.ReLU(),
+            nn.LocalResponseNorm(**norm),  # type: ignore[arg-type]
+            nn.MaxPool2d(3, 2),
+            nn.Conv2d(64, 256, 5, 1, 2),
+            nn.ReLU(),
+            nn.LocalResponseNorm(**norm),  # type: ignore[arg-type]
+            nn.MaxPool2d(3, 2),
+            nn.Conv2d(256, 384, 3, 1, 1),
+            nn.ReLU(),
+            nn.Conv2d(384, 384, 3, 1, 1),
+            nn.ReLU(),
+            nn.Conv2d(384, 256, 3, 1, 1),
+            nn.ReLU(),
+            nn.MaxPool2d(3, 2),
+        )
+        self.dense = nn.Sequential(
+            nn.Linear(256 * side * side, 4096), nn.ReLU(), nn.Linear(4096, 4096), nn.ReLU()
+        )
+
+    def forward(self, frames: Tensor) -> Tensor:
+        """float (N, C, S, S) in [0, 1] to (N, features), not negative."""
+        features: Tensor = self.dense(self.convolutions(frames).flatten(1))
+        return features
+
+
+class Compact(nn.Module):
+    """A small trunk for 32 to 128 px that learns on a laptop: four strided convolutions and one dense layer."""
+
+    def __init__(self, channels: int, size: int, features: int = 256) -> None:
+        super().__init__()
+        self.features = features
+        side = size
+        for kernel in (5, 3, 3, 3):
+            side = _conv_size(side, kernel, 2, kernel // 2)
+        self.convolutions = nn.Sequential(
+            nn.Conv2d(channels, 32, 5, 2, 2),
+            nn.ReLU(inplace=True),
+            nn.Conv2d(32, 64, 3, 2, 1),
+            nn.ReLU(inplace=True),
+            nn.Conv2d(64, 64, 3, 2, 1),
+            nn.ReLU(inplace=True),
+            nn.Conv2d(64, 64, 3, 2, 1),
+            nn.ReLU(inplace=True),
+        )
+        self.dense = nn.Sequential(nn.Linear(64 * side * side, features), nn.ReLU())
+
+    def forward(self, frames: Tensor) -> Tensor:
+        """float (N, C, S, S) in [0, 1] to (N, features), not negative."""
+        features: Tensor = self.dense(self.convolutions(frames).flatten(1))
+        return features
+
+
+def make_trunk(name: str, channels: int, size: int, features: int) -> AlexNet | Compact:
+    """A trunk by name; `features` is the compact trunk's width (AlexNet's is the paper's 4096)."""
+    if name == "alexnet":
+        return AlexNet(channels, size)
+    if name == "compact":
+        return Compact(channels, size, features)
+    raise ConfigError(f"There is no trunk '{name}'; choose compact or alexnet.")
+
+
+def as_input(frames: Tensor) -> Tensor:
+    """uint8 (N, C, S, S) to float in [0, 1], laid out channels last, which convolutions on a CPU prefer."""
+    return frames.to(torch.float32).mul_(1.0 / 255.0).contiguous(memory_format=torch.channels_last)

@@ -1,0 +1,1 @@
+"""Actors play and give rollouts; `resident` plays recorded views on the learner's own device."""

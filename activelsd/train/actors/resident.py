@@ -1,0 +1,86 @@
+"""Resident actors: recorded views, network and rollouts on one device, the acting pass kept for learning."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from activelsd.envs.vector import Step, ViewGraphVectorEnv
+from activelsd.policy.heads import Epsilon
+from activelsd.policy.lsdnet import LSDNet, Output
+from activelsd.train.rollout import Rollout
+
+
+class ResidentActors:
+    """Play B episodes side by side, L steps at a time.
+
+    Nothing in a rollout waits for the device: actions are drawn and episodes replaced there.
+    """
+
+    def __init__(self, env: ViewGraphVectorEnv, network: LSDNet, length: int, seed: int) -> None:
+        """Start B episodes; `seed` fixes which, and how actions are drawn."""
+        self.env, self.network, self.length = env, network, length
+        self._generator = torch.Generator(env.device).manual_seed(seed)
+        env.begin(seed)
+        self._memory = network.initial_state(env.num_envs)
+        self._first = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
+
+    def collect(self, epsilon: Epsilon) -> Rollout:
+        """Play L steps with this much random exploration."""
+        env, memory = self.env, self._memory
+        seen: list[dict[str, Tensor]] = []
+        masks, labels, firsts, actions = [], [], [], []
+        outputs: list[Output] = []
+        steps: list[Step] = []
+        for _ in range(self.length):
+            observation, mask = env.observe(), env.mask()
+            output = self.network(_one(observation), memory, self._first[None])
+            drawn = self.network.distribution(output.logits[0].detach(), mask, epsilon)
+            action = drawn.sample(self._generator)
+            seen.append(observation)
+            masks.append(mask)
+            labels.append(env.labels)
+            firsts.append(self._first)
+            actions.append(action)
+            outputs.append(output)
+            step = env.advance(action)
+            steps.append(step)
+            memory, self._first = output.state, step.terminated | step.truncated
+        self._memory, before = memory.detach(), self._memory
+        with torch.no_grad():
+            bootstrap = self.network(_one(env.observe()), self._memory, self._first[None]).value[0]
+        return Rollout(
+            observation={name: torch.stack([o[name] for o in seen]) for name in seen[0]},
+            first=torch.stack(firsts),
+            mask=torch.stack(masks),
+            labels=torch.stack(labels),
+            state=before,
+            actions=torch.stack(actions),
+            epsilon=epsilon,
+            rewards=torch.stack([s.reward for s in steps]),
+            terminated=torch.stack([s.terminated for s in steps]),
+            truncated=torch.stack([s.truncated for s in steps]),
+            right=torch.stack([s.answer for s in steps]) == torch.stack(labels),
+            views=torch.stack([s.views for s in steps]),
+            bootstrap=bootstrap,
+            output=Output(
+                torch.cat([o.logits for o in outputs]), torch.cat([o.value for o in outputs]), self._memory
+            ),
+        )
+
+    def state(self) -> dict[str, Tensor]:
+        """Where every episode stands and what is remembered of it, for a checkpoint."""
+        own = {"memory": self._memory, "first": self._first, "generator": self._generator.get_state()}
+        return own | {f"env/{name}": value for name, value in self.env.state().items()}
+
+    def load_state(self, tensors: dict[str, Tensor]) -> None:
+        """Take back what `state` gave."""
+        device = self.env.device
+        self._memory, self._first = tensors["memory"].to(device), tensors["first"].to(device)
+        self._generator.set_state(tensors["generator"])
+        self.env.load_state({k.removeprefix("env/"): v for k, v in tensors.items() if k.startswith("env/")})
+
+
+def _one(observation: dict[str, Tensor]) -> dict[str, Tensor]:
+    """(B, ...) as one step (1, B, ...)."""
+    return {name: value[None] for name, value in observation.items()}

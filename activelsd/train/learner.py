@@ -1,0 +1,85 @@
+"""The learner: loss and optimiser step on rollouts, nothing else."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from activelsd.policy.lsdnet import LSDNet
+from activelsd.train.losses import Losses, Weights, a3c_losses, n_step_returns
+from activelsd.train.rollout import Rollout
+from activelsd.train.settings import TrainSettings
+
+
+class Learner:
+    """Changes a network's weights by the A3C loss."""
+
+    def __init__(self, network: LSDNet, settings: TrainSettings) -> None:
+        self.network, self.settings = network, settings
+        parameters = list(network.parameters())
+        rate, eps = settings.learning_rate, settings.optimiser_epsilon
+        self.optimiser: torch.optim.Optimizer
+        if settings.optimiser == "adam":
+            self.optimiser = torch.optim.Adam(parameters, lr=rate, eps=eps)
+        else:
+            self.optimiser = torch.optim.RMSprop(parameters, lr=rate, alpha=0.99, eps=eps)
+
+    def update(self, rollout: Rollout, progress: float) -> dict[str, Tensor]:
+        """One optimiser step.
+
+        Args:
+            rollout: what was played; its acting pass is used where it is still valid.
+            progress: share of the training done, 0..1, for everything that is annealed.
+
+        Returns:
+            Scalars on the device: the losses and the gradient's norm before clipping.
+        """
+        losses = self.losses(rollout, progress)
+        self.optimiser.zero_grad(set_to_none=True)
+        losses.total.backward()  # type: ignore[no-untyped-call]
+        norm = torch.nn.utils.clip_grad_norm_(
+            self.network.parameters(), self.settings.clip_norm or torch.inf, foreach=True
+        )
+        rate = self.settings.learning_rate * (1.0 - progress if self.settings.decay else 1.0)
+        for group in self.optimiser.param_groups:
+            group["lr"] = rate
+        self.optimiser.step()
+        return {f"loss/{name}": value.detach() for name, value in losses._asdict().items()} | {"gradient": norm}
+
+    def losses(self, rollout: Rollout, progress: float) -> Losses:
+        """The loss of a rollout, with its graph."""
+        settings = self.settings
+        output = rollout.output or self.network(rollout.observation, rollout.state, rollout.first)
+        rewards = rollout.rewards
+        if settings.reward_clip is not None:
+            rewards = rewards.clamp(-settings.reward_clip, settings.reward_clip)
+        if settings.bootstrap_at_limit:
+            # At the limit only answers are legal, and an answer leaves the view as it is, so the value of the
+            # state that would have followed is the value of this one.
+            rewards = rewards + settings.gamma * output.value.detach() * rollout.truncated
+        ended = rollout.terminated | rollout.truncated
+        returns = n_step_returns(rewards, ended, rollout.bootstrap, settings.gamma)
+        annealed = progress / settings.anneal
+        weights = Weights(
+            settings.value_weight,
+            settings.entropy_branch.at(annealed),
+            settings.entropy_leaf.at(annealed),
+            settings.supervised,
+        )
+        distribution = self.network.distribution(output.logits, rollout.mask, rollout.epsilon)
+        return a3c_losses(distribution, output.value, rollout.actions, returns, rollout.labels, weights)
+
+    def state(self) -> dict[str, Tensor]:
+        """The optimiser's tensors by `parameter/quantity`, for a checkpoint."""
+        names = [name for name, _ in self.network.named_parameters()]
+        slots = self.optimiser.state_dict()["state"]
+        return {f"{names[i]}/{key}": value for i, slot in slots.items() for key, value in slot.items()}
+
+    def load_state(self, tensors: dict[str, Tensor]) -> None:
+        """Take back what `state` gave."""
+        names = [name for name, _ in self.network.named_parameters()]
+        slots: dict[int, dict[str, Tensor]] = {}
+        for name, value in tensors.items():
+            parameter, key = name.rsplit("/", 1)
+            slots.setdefault(names.index(parameter), {})[key] = value
+        self.optimiser.load_state_dict({**self.optimiser.state_dict(), "state": slots})

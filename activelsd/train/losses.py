@@ -1,0 +1,77 @@
+"""The A3C loss (paper equations 1 to 3) as functions of tensors, with an entropy bonus per level of the tree."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from activelsd.policy.heads import ActionDistribution
+
+
+class Weights(NamedTuple):
+    """What each term counts for."""
+
+    value: float
+    entropy_branch: float
+    entropy_leaf: float
+    supervised: float
+
+
+class Losses(NamedTuple):
+    """The terms, each a scalar averaged over the rollout, and their weighted sum."""
+
+    total: Tensor
+    policy: Tensor
+    value: Tensor
+    entropy_branch: Tensor
+    entropy_leaf: Tensor
+    supervised: Tensor
+
+
+def n_step_returns(rewards: Tensor, ended: Tensor, bootstrap: Tensor, gamma: float) -> Tensor:
+    """R_t = r_t + gamma R_{t+1}, where R of an ended episode is 0 and after the last step is `bootstrap`.
+
+    Args:
+        rewards: (L, B).
+        ended: (L, B) bool.
+        bootstrap: (B,).
+        gamma: discount per step.
+    """
+    returns = torch.empty_like(rewards)
+    following = bootstrap
+    for t in range(len(rewards) - 1, -1, -1):
+        following = rewards[t] + gamma * following.masked_fill(ended[t], 0.0)
+        returns[t] = following
+    return returns
+
+
+def a3c_losses(
+    distribution: ActionDistribution,
+    value: Tensor,
+    actions: Tensor,
+    returns: Tensor,
+    labels: Tensor,
+    weights: Weights,
+) -> Losses:
+    """Losses over L x B steps.
+
+    Equation 2's sign is turned, so that all terms are minimised: -log pi(a) (R - V), with (R - V) held fixed;
+    equation 3: half the squared error of the value. Entropies are bonuses. The supervised term is the
+    cross-entropy of the class branch with the label, which is at hand during training.
+    """
+    policy = -(distribution.log_prob(actions) * (returns - value.detach())).mean()
+    value_loss = 0.5 * (returns - value).square().mean()
+    entropy = distribution.entropy()
+    branch, leaf = entropy.branch.mean(), entropy.leaf.mean()
+    supervised = functional.nll_loss(distribution.class_log_probs().flatten(0, -2), labels.flatten())
+    total = (
+        policy
+        + weights.value * value_loss
+        - weights.entropy_branch * branch
+        - weights.entropy_leaf * leaf
+        + weights.supervised * supervised
+    )
+    return Losses(total, policy, value_loss, branch, leaf, supervised)

@@ -1,0 +1,127 @@
+"""A run's folder: resolved config, versions, metrics, checkpoints, and what was reported of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import time
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from activelsd.errors import RunError
+from activelsd.policy.checkpoint import load_tensors, save_network, save_tensors
+from activelsd.policy.lsdnet import LSDNet
+
+CONFIG = "config.yaml"
+KEPT = 2
+"""Checkpoints that are kept, the newest ones."""
+
+
+class Run:
+    """A folder `runs/<time>-<name>` that explains itself.
+
+    Attributes:
+        folder: where it lies.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open an existing run. Raises RunError where the folder is not one."""
+        if not (folder / CONFIG).is_file():
+            raise RunError(f"{folder} is not a run: it has no {CONFIG}; name a folder that training made.")
+        self.folder = folder
+
+    @classmethod
+    def create(cls, root: Path, name: str, config: str) -> Run:
+        """Make a new run's folder with the resolved config (YAML) and the versions it is made with."""
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        for number in range(1, 1000):
+            folder = root / (f"{stamp}-{name}" if number == 1 else f"{stamp}-{name}-{number}")
+            try:
+                folder.mkdir(parents=True)
+            except FileExistsError:
+                continue
+            except OSError as error:
+                raise RunError(f"{root} cannot hold runs ({error.strerror}); name another folder as runs=…") from None
+            break
+        (folder / "versions.json").write_text(json.dumps(_versions(), indent=1) + "\n")
+        (folder / CONFIG).write_text(config)
+        return cls(folder)
+
+    @classmethod
+    def newest(cls, root: Path) -> Run:
+        """The newest run in a folder that has a checkpoint.
+
+        Raises:
+            RunError: there is none.
+        """
+        folders = sorted(root.glob(f"*/{CONFIG}"), key=lambda path: path.stat().st_mtime_ns)
+        for path in reversed(folders):
+            if cls(path.parent)._finished():
+                return cls(path.parent)
+        raise RunError(f"There is no run in ./{root}; train one with: activelsd train env=modelnet")
+
+    @property
+    def config(self) -> str:
+        """The resolved config as YAML."""
+        return (self.folder / CONFIG).read_text()
+
+    @property
+    def checkpoint(self) -> Path:
+        """The newest checkpoint's folder. Raises RunError where there is none yet."""
+        finished = self._finished()
+        if not finished:
+            raise RunError(f"{self.folder} has no checkpoint yet; train it on with: activelsd train --resume {self.folder}")
+        return finished[-1]
+
+    def save(self, step: int, network: LSDNet, tensors: dict[str, Tensor], progress: Mapping[str, Any]) -> None:
+        """Write a checkpoint, whole or not at all: a folder under a temporary name, flushed, then renamed.
+
+        Args:
+            step: environment steps so far; the checkpoint's name.
+            network: its weights.
+            tensors: all other state that training goes on from.
+            progress: what of it is plain numbers, for JSON.
+        """
+        root = self.folder / "checkpoints"
+        final, temporary = root / f"{step:012d}", root / f"{step:012d}.tmp"
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
+        save_network(network, temporary)
+        save_tensors(tensors, temporary / "training.safetensors")
+        (temporary / "training.json").write_text(json.dumps({"step": step, **progress}, indent=1) + "\n")
+        for path in temporary.iterdir():
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+        shutil.rmtree(final, ignore_errors=True)
+        temporary.rename(final)
+        for old in self._finished()[:-KEPT]:
+            shutil.rmtree(old)
+
+    def load_training(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
+        """What `save` was given beside the network, from the newest checkpoint."""
+        path = self.checkpoint / "training.json"
+        try:
+            progress: dict[str, Any] = json.loads(path.read_text())
+        except (OSError, ValueError) as error:
+            raise RunError(f"{path} cannot be read ({error}); delete {path.parent} to go on from an earlier one.") from None
+        return load_tensors(self.checkpoint / "training.safetensors"), progress
+
+    def _finished(self) -> list[Path]:
+        folders = (self.folder / "checkpoints").glob("[0-9]*")
+        return sorted(path for path in folders if path.suffix != ".tmp")
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version(), "platform": platform.platform()}
+    for package in ("activelsd", "torch", "numpy", "gymnasium", "embreex", "trimesh"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found

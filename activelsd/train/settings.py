@@ -1,0 +1,60 @@
+"""The settings of training, with what each one means."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Anneal(BaseModel):
+    """A value that moves linearly from start to end over the first `train.anneal` of the steps, then stays."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    start: float = Field(ge=0, description="value at the first step")
+    end: float = Field(ge=0, description="value from then on")
+
+    def at(self, progress: float) -> float:
+        """The value at a progress of 0..1."""
+        return self.start + (self.end - self.start) * min(max(progress, 0.0), 1.0)
+
+
+class EpsilonAnneal(Anneal):
+    """An `Anneal` of a probability."""
+
+    start: float = Field(ge=0, le=1, description="probability at the first step")
+    end: float = Field(ge=0, le=1, description="probability from then on")
+
+
+class TrainSettings(BaseModel):
+    """How long, how fast and by which loss."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    steps: int = Field(900_000, ge=1, description="environment steps in all")
+    actors: Literal["resident"] = Field("resident", description="who plays: views on the learner's device")
+    envs: int = Field(64, ge=1, description="episodes played side by side")
+    length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
+
+    gamma: float = Field(0.98, ge=0, le=1, description="discount per action")
+    reward_clip: float | None = Field(None, gt=0, description="clip rewards to plus or minus this")
+    bootstrap_at_limit: bool = Field(False, description="an episode cut at max_views is valued on, not ended")
+    value_weight: float = Field(0.5, ge=0, description="weight of the value loss")
+    supervised: float = Field(1.0, ge=0, description="weight of cross-entropy on the class branch at every view")
+    entropy_branch: Anneal = Field(Anneal(start=0.05, end=0.005), description="entropy bonus: answer or move")
+    entropy_leaf: Anneal = Field(Anneal(start=0.01, end=0.01), description="entropy bonus: which answer or move")
+    epsilon_branch: EpsilonAnneal = Field(EpsilonAnneal(start=0.8, end=0.02), description="random branch")
+    epsilon_leaf: EpsilonAnneal = Field(EpsilonAnneal(start=0.3, end=0.02), description="random leaf")
+    anneal: float = Field(0.6, gt=0, le=1, description="share of the steps over which these move")
+
+    optimiser: Literal["adam", "rmsprop"] = Field("adam", description="which optimiser")
+    optimiser_epsilon: float = Field(1e-5, gt=0, description="the optimiser's guard against division by zero")
+    learning_rate: float = Field(7e-4, gt=0, description="step size at the start")
+    decay: bool = Field(True, description="the step size falls linearly to zero")
+    clip_norm: float | None = Field(1.0, gt=0, description="clip the gradient's norm to this")
+
+    log_every: int = Field(10_000, ge=1, description="steps between two rows of metrics")
+    evaluate_every: int = Field(150_000, ge=1, description="steps between two looks at the validation split")
+    checkpoint_every: int = Field(50_000, ge=1, description="steps between two checkpoints")
+    loggers: list[str] = Field(["tensorboard"], description="where metrics go beside metrics.jsonl")

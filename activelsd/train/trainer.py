@@ -1,0 +1,177 @@
+"""The training loop: collect a rollout, learn from it, log, look at the validation split, save; until the steps are done."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+import numpy as np
+import torch
+
+from activelsd.envs.actions import ActionTree
+from activelsd.envs.episode import EpisodeRules
+from activelsd.envs.graphenv import tree_of
+from activelsd.envs.vector import ViewGraphVectorEnv
+from activelsd.envs.viewgraph import ViewGraph
+from activelsd.errors import RunError, TrainingError
+from activelsd.policy.checkpoint import load_network
+from activelsd.policy.heads import Epsilon
+from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.train.actors.resident import ResidentActors
+from activelsd.train.learner import Learner
+from activelsd.train.logging import Logger, open_loggers
+from activelsd.train.run import Run
+from activelsd.train.settings import TrainSettings
+from activelsd.train.statistics import Statistics
+
+Evaluate = Callable[[LSDNet], dict[str, float]]
+"""Looks at the validation split; its figures are logged as `val/…`."""
+
+
+def new_network(tree: ActionTree, shape: NetworkShape, seed: int) -> LSDNet:
+    """A network whose first weights follow from the seed alone."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return LSDNet(tree, shape)
+
+
+class Trainer:
+    """Trains one network on one graph of views, and leaves everything in a run's folder.
+
+    One seed is fanned out: to the first weights, and to the episodes and actions drawn.
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        graph: ViewGraph,
+        rules: EpisodeRules,
+        shape: NetworkShape,
+        settings: TrainSettings,
+        *,
+        seed: int,
+        device: str = "cpu",
+        backend: str = "recording",
+        evaluate: Evaluate | None = None,
+        resume: bool = False,
+    ) -> None:
+        """Build everything, or, to resume, take it back from the run's newest checkpoint."""
+        self.run, self.settings, self._evaluate = run, settings, evaluate
+        weights_seed, play_seed = (int(s) for s in np.random.SeedSequence(seed).generate_state(2))
+        env = ViewGraphVectorEnv(
+            graph, rules, num_envs=settings.envs, split="train", frames=shape.frames, backend=backend, device=device
+        )
+        self.step, self._seconds = 0, 0.0
+        if resume:
+            self.network = load_network(run.checkpoint, device)
+            if self.network.tree != tree_of(graph):
+                raise RunError(f"{run.folder} was trained with other classes or moves than its world has now.")
+        else:
+            self.network = new_network(tree_of(graph), shape, weights_seed).to(device)
+        self.learner = Learner(self.network, settings)
+        self.actors = ResidentActors(env, self.network, settings.length, play_seed)
+        if resume:
+            self._restore()
+
+    def train(self) -> None:
+        """Run until the steps are done.
+
+        Raises:
+            TrainingError: the loss is not finite any more; the last checkpoint is from before.
+            KeyboardInterrupt: the user asked to stop; a checkpoint was written first.
+        """
+        settings = self.settings
+        loggers = open_loggers(settings.loggers, self.run.folder, up_to=self.step, total=settings.steps)
+        statistics, since, window = Statistics(), self.step, time.monotonic()
+        try:
+            with _stop_requested() as stop:
+                while self.step < settings.steps and not stop():
+                    before = self.step
+                    self._update(statistics)
+                    if self._passed(before, settings.log_every):
+                        now = time.monotonic()
+                        self._seconds += now - window
+                        self._log(loggers, statistics, (self.step - since) / (now - window))
+                        since, window = self.step, now
+                    if self._passed(before, settings.checkpoint_every):
+                        self.save()
+                    if self._evaluate and self._passed(before, settings.evaluate_every):
+                        paused = time.monotonic()
+                        self._write(loggers, {f"val/{k}": v for k, v in self._evaluate(self.network).items()})
+                        window += time.monotonic() - paused
+                self.save()
+                if self.step < settings.steps:
+                    raise KeyboardInterrupt
+        finally:
+            for logger in loggers:
+                logger.close()
+
+    def _update(self, statistics: Statistics) -> None:
+        settings, progress = self.settings, self.step / self.settings.steps
+        annealed = progress / settings.anneal
+        epsilon = Epsilon(settings.epsilon_branch.at(annealed), settings.epsilon_leaf.at(annealed))
+        rollout = self.actors.collect(epsilon)
+        losses = self.learner.update(rollout, progress)
+        statistics.add(rollout, self.network, losses)
+        self.step += rollout.rewards.numel()
+
+    def _passed(self, before: int, every: int) -> bool:
+        return before // every != self.step // every or self.step >= self.settings.steps
+
+    def _log(self, loggers: list[Logger], statistics: Statistics, rate: float) -> None:
+        metrics = statistics.read()
+        if not math.isfinite(metrics["loss/total"]):
+            raise TrainingError(
+                f"The loss is no longer finite at step {self.step}; lower train.learning_rate or set "
+                f"train.clip_norm, then train again."
+            )
+        self._write(loggers, metrics | {"steps_per_second": rate, "seconds": self._seconds})
+
+    def _write(self, loggers: list[Logger], metrics: dict[str, float]) -> None:
+        for logger in loggers:
+            logger.write(self.step, metrics)
+
+    def save(self) -> None:
+        """Write a checkpoint that resumes to the bit."""
+        tensors = {f"learner/{k}": v for k, v in self.learner.state().items()}
+        tensors |= {f"actors/{k}": v for k, v in self.actors.state().items()}
+        self.run.save(self.step, self.network, tensors, {"seconds": self._seconds})
+
+    def _restore(self) -> None:
+        tensors, progress = self.run.load_training()
+
+        def part(name: str) -> dict[str, torch.Tensor]:
+            return {k.removeprefix(name): v for k, v in tensors.items() if k.startswith(name)}
+
+        self.step, self._seconds = int(progress["step"]), float(progress["seconds"])
+        try:
+            self.learner.load_state(part("learner/"))
+            self.actors.load_state(part("actors/"))
+        except (KeyError, ValueError, RuntimeError) as error:
+            raise RunError(f"{self.run.checkpoint} does not fit its own settings ({error}); train afresh.") from None
+
+
+@contextmanager
+def _stop_requested() -> Iterator[Callable[[], bool]]:
+    """Turn the first Ctrl-C or SIGTERM into a question the loop asks; the second Ctrl-C interrupts at once."""
+    asked = False
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        if asked and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        asked = True
+
+    try:
+        before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not the main thread: whoever runs it there stops it there
+        before = {}
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

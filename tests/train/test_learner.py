@@ -1,0 +1,90 @@
+"""The learner: the kept acting pass gives the same step as a pass of its own, and each setting does its part."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+
+from activelsd.envs.episode import PRESETS
+from activelsd.envs.graphenv import tree_of
+from activelsd.envs.vector import ViewGraphVectorEnv
+from activelsd.policy.heads import Epsilon
+from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.train.actors.resident import ResidentActors
+from activelsd.train.learner import Learner
+from activelsd.train.rollout import Rollout
+from activelsd.train.settings import TrainSettings
+from activelsd.train.trainer import new_network
+from tests.graphs import ring_graph
+
+
+def rollout_of(memory: str = "pool", head: str = "tree", rules: str = "V4", **settings: Any) -> tuple[LSDNet, Rollout]:
+    """A second rollout, so that episodes and memory reach over from the first."""
+    graph = ring_graph()
+    network = new_network(tree_of(graph), NetworkShape(memory=memory, head=head, size=graph.size, features=32), 1)
+    env = ViewGraphVectorEnv(graph, PRESETS[rules], num_envs=6, frames=1)
+    actors = ResidentActors(env, network, settings.get("length", 5), seed=2)
+    actors.collect(Epsilon(0.5, 0.5))
+    return network, actors.collect(Epsilon(0.5, 0.5))
+
+
+@pytest.mark.parametrize("memory", ["stack", "lstm", "pool"])
+@pytest.mark.parametrize("head", ["tree", "flat"])
+def test_kept_acting_pass_gives_the_gradient_of_a_pass_of_its_own(memory: str, head: str) -> None:
+    network, rollout = rollout_of(memory, head)
+    learner = Learner(network, TrainSettings())
+    gradients = []
+    for given in (rollout, replace(rollout, output=None)):
+        network.zero_grad()
+        learner.losses(given, 0.3).total.backward()  # type: ignore[no-untyped-call]
+        gradients.append([p.grad.clone() for p in network.parameters() if p.grad is not None])
+    assert any(float(g.abs().max()) > 0 for g in gradients[0])
+    for kept, again in zip(*gradients, strict=True):
+        torch.testing.assert_close(kept, again, rtol=1e-4, atol=1e-6)
+
+
+def test_learning_rate_falls_linearly_to_zero() -> None:
+    network, rollout = rollout_of()
+    learner = Learner(network, TrainSettings(learning_rate=1e-3, decay=True))
+    learner.update(replace(rollout, output=None), 0.75)
+    assert learner.optimiser.param_groups[0]["lr"] == pytest.approx(2.5e-4)
+    before = [p.detach().clone() for p in network.parameters()]
+    learner.update(replace(rollout, output=None), 1.0)
+    assert all(torch.equal(a, b) for a, b in zip(before, network.parameters(), strict=True))
+
+
+def test_gradient_is_clipped_to_the_norm_asked_for() -> None:
+    network, rollout = rollout_of()
+    learner = Learner(network, TrainSettings(clip_norm=1e-3))
+    norm = learner.update(replace(rollout, output=None), 0.0)["gradient"]
+    clipped = torch.cat([p.grad.flatten() for p in network.parameters() if p.grad is not None]).norm()
+    assert float(norm) > 1e-3
+    assert float(clipped) == pytest.approx(1e-3, rel=1e-3)
+
+
+def test_rewards_are_clipped() -> None:
+    network, rollout = rollout_of()
+    big = replace(rollout, rewards=rollout.rewards * 100)
+    clipped = Learner(network, TrainSettings(reward_clip=1.0)).losses(big, 0.0)
+    plain = Learner(network, TrainSettings()).losses(rollout, 0.0)
+    assert rollout.rewards.abs().sum() > 0
+    assert clipped.value.item() == pytest.approx(plain.value.item())
+
+
+def test_a_cut_episode_is_valued_on_only_when_asked() -> None:
+    network, rollout = rollout_of(rules="V1", length=13)
+    assert bool(rollout.truncated.any())
+    off = Learner(network, TrainSettings(bootstrap_at_limit=False)).losses(rollout, 0.0)
+    on = Learner(network, TrainSettings(bootstrap_at_limit=True)).losses(rollout, 0.0)
+    assert off.value.item() != pytest.approx(on.value.item(), rel=1e-6)
+
+
+def test_repeated_steps_on_one_rollout_learn_its_labels() -> None:
+    network, rollout = rollout_of()
+    learner = Learner(network, TrainSettings(learning_rate=3e-3, decay=False))
+    again = replace(rollout, output=None)
+    losses = [float(learner.update(again, 0.0)["loss/supervised"]) for _ in range(60)]
+    assert losses[-1] < 0.3 * losses[0]
