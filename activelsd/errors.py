@@ -1,5 +1,10 @@
 """Errors whose message is meant for the user: one sentence, what is wrong and the way out."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class ActiveLSDError(Exception):
     """Root of every error this package raises on purpose; the command line exits with `exit_code`."""
@@ -27,3 +32,12 @@ class RunError(UserError):
 
 class TrainingError(ActiveLSDError):
     """Raised when training cannot go on, for example because the loss is no longer finite."""
+
+
+def did_you_mean(word: str, known: Iterable[str], otherwise: str | None = None) -> str:
+    """The end of a sentence about an unknown word: the nearest right one, else `otherwise` or them all."""
+    names = list(known)
+    near = get_close_matches(word, names, 1)
+    if near:
+        return f"did you mean {near[0]}?"
+    return f"there are {', '.join(names)}." if otherwise is None else otherwise

@@ -57,7 +57,8 @@ class ActionTree:
     @property
     def names(self) -> tuple[tuple[str, str], ...]:
         """(branch, action) of every action, in order."""
-        return tuple((b, leaf) for b, leaves in zip(self.branches, self.leaves, strict=True) for leaf in leaves)
+        pairs = zip(self.branches, self.leaves, strict=True)
+        return tuple((branch, leaf) for branch, leaves in pairs for leaf in leaves)
 
     def index(self, branch: str, leaf: str) -> int:
         """Number of an action. Raises KeyError where the tree has none of that name."""

@@ -1,10 +1,10 @@
-"""The one Gymnasium environment all worlds share: rules, stacking, rewards and ends; a backend only looks and moves."""
+"""The one Gymnasium environment of all worlds: rules, stacking, rewards, ends; a backend looks and moves."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections import deque
-from typing import Any, ClassVar
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -17,7 +17,7 @@ Observation = dict[str, NDArray[Any]]
 
 
 def observation_space(size: int, frames: int, *, crops: bool) -> gymnasium.spaces.Dict:
-    """What every world shows: `frames` (K, S, S), `target` (K, 5) and, where boxes are small, `crops` (K, S, S)."""
+    """What every world shows: `frames` (K, S, S), `target` (K, 5) and, if wanted, `crops` (K, S, S)."""
     picture = gymnasium.spaces.Box(0, 255, (frames, size, size), np.uint8)
     spaces: dict[str, gymnasium.Space[Any]] = {
         "frames": picture,
@@ -55,7 +55,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         backend: what makes the pictures, for example `modelnet` or `standin`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 2}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2}  # noqa: RUF012
 
     def __init__(
         self,
@@ -72,7 +72,9 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         self.rules = rules
         self.backend = backend
         self.render_mode = render_mode
-        self.observation_space = observation_space(size, frames, crops=crops)
+        # Gymnasium's types say that a Dict holds spaces; its elements are arrays.
+        space = observation_space(size, frames, crops=crops)
+        self.observation_space = cast("gymnasium.Space[Observation]", space)
         self.action_space = gymnasium.spaces.Discrete(tree.n)
         self._answers = tree.span(CLASSIFY)
         self._crops = crops
@@ -104,10 +106,19 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         return self._observation(), self._info(moved=False)
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Answer or move. Raises ResetNeeded before the first `reset`."""
+        """Answer or move.
+
+        Raises:
+            ResetNeeded: there was no `reset` yet.
+            InvalidAction: the tree has no such action.
+        """
         if self._episode is None:
             raise gymnasium.error.ResetNeeded("Call reset before the first step.")
         rules, action = self.rules, int(action)
+        if not 0 <= action < self.tree.n:
+            raise gymnasium.error.InvalidAction(
+                f"There is no action {action}; they go from 0 to {self.tree.n - 1}."
+            )
         last = self._taken + 1 >= rules.max_views
         self._taken += 1
         if self._answers.start <= action < self._answers.stop:
@@ -124,7 +135,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
                 self._seen.append(self.look())
         return self._observation(), reward, terminated, last and not terminated, self._info(moved=moved)
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The newest frame as RGB (S, S, 3) in mode `rgb_array`."""
         if self.render_mode is None or not self._seen:
             return None

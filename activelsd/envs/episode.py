@@ -44,7 +44,8 @@ class EpisodeRules:
         ends_on_right: the right class terminates the episode.
         ends_on_wrong: a wrong class terminates the episode.
         can_move: False leaves only classes legal (the paper's 64.3 % baseline).
-        max_views: T. The T-th action of an episode is its last and must be a class: moves are not legal there.
+        max_views: T. The T-th action of an episode is its last and must be a class: moves are not legal
+            there.
     """
 
     move: float = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -42,10 +42,13 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
     `advance` speak tensors on `device` and never copy to the host, which is what the resident trainer uses.
 
     With a `playlist` of start rows the episodes come from it instead of the stream: environment i plays
-    rows i, i+B, i+2B, … and, when there are none left, goes on with its last one.
+    rows i, i+B, i+2B, … and, when there are none left, the playlist's last row.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+
+    _keys: Tensor  # (B,) int64 key of each environment's stream of episodes
+    _drawn: Tensor  # (B,) int64 episodes each has begun
 
     def __init__(
         self,
@@ -98,13 +101,23 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._only_answers = answers
 
     def begin(self, seed: int | list[int | None] | None = None) -> None:
-        """Start B episodes; environment i's stream is that of a single environment seeded with `seed + i`."""
+        """Start B episodes; environment i's stream is that of a single environment seeded with `seed + i`.
+
+        A seed begins a new stream; without one, a stream that has begun goes on.
+
+        Raises:
+            ValueError: a list of seeds has not one (or None) per environment.
+        """
         b, device = self.num_envs, self.device
-        if seed is not None or not hasattr(self, "_keys"):
-            seeds = seed if isinstance(seed, list) else [None if seed is None else seed + i for i in range(b)]
-            keys = [draw_key(gymnasium.utils.seeding.np_random(s)[0]) for s in seeds]
-            self._keys = torch.tensor(keys, device=device)
-            self._drawn = torch.zeros(b, dtype=torch.int64, device=device)
+        seeds = seed if isinstance(seed, list) else [None if seed is None else seed + i for i in range(b)]
+        if len(seeds) != b:
+            raise ValueError(f"There are {b} environments to seed, but {len(seeds)} seeds.")
+        begun = hasattr(self, "_keys")
+        keys = [draw_key(gymnasium.utils.seeding.np_random(s)[0]) for s in seeds]
+        fresh = torch.tensor([s is not None or not begun for s in seeds], device=device)
+        drawn = torch.zeros(b, dtype=torch.int64, device=device)
+        self._keys = torch.where(fresh, torch.tensor(keys, device=device), self._keys if begun else drawn)
+        self._drawn = drawn if not begun else self._drawn.masked_fill(fresh, 0)
         self._row = torch.zeros(b, dtype=torch.int64, device=device)
         self._seen = torch.zeros(b, self._k, dtype=torch.int64, device=device)
         self._taken, self._views = torch.zeros_like(self._row), torch.ones_like(self._row)
@@ -152,6 +165,10 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         """(B,) int64 class of each target."""
         return self._labels[self._target]
 
+    def views_seen(self) -> Tensor:
+        """(B, K) int64 the stacked views, newest last."""
+        return self._seen
+
     @property
     def drawn(self) -> Tensor:
         """(B,) int64 episodes each environment has begun."""
@@ -196,7 +213,14 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Gymnasium's reset; no options are known."""
+        """Gymnasium's reset; it begins B episodes and takes no options.
+
+        Raises:
+            ValueError: there are options.
+        """
+        if options:
+            raise ValueError(f"A batch of recorded episodes has no reset option '{next(iter(options))}'.")
+        super().reset(seed=next((s for s in seed if s is not None), None) if isinstance(seed, list) else seed)
         self.begin(seed)
         rows = self._row.tolist()
         return self._numpy(self.observe()), self._infos(rows, self._views, torch.zeros(self.num_envs) > 0)
@@ -215,14 +239,17 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         return self._numpy(self.observe()), reward, terminated, truncated, infos
 
     def _numpy(self, observation: dict[str, Tensor]) -> dict[str, NDArray[Any]]:
-        return {name: np.ascontiguousarray(value.cpu().numpy()) for name, value in observation.items()}
+        # Copies, never views of what the next step reads: a caller may keep them and write to them.
+        return {name: np.array(value.cpu().numpy(), order="C") for name, value in observation.items()}
 
-    def _infos(self, rows: list[int], views: Tensor, moved: Tensor) -> dict[str, Any]:
-        """Gymnasium's dict of arrays for the episodes now running."""
+    def _infos(
+        self, rows: list[int], views: Tensor, moved: Tensor, of: NDArray[np.bool_] | None = None
+    ) -> dict[str, Any]:
+        """Gymnasium's dict of arrays, of all environments or of those in a mask `of`, bool (B,)."""
         episodes = [self.graph.episode(row) for row in rows]
         infos: dict[str, Any] = {
             "views": views.cpu().numpy().copy(),
-            "moved": moved.cpu().numpy(),
+            "moved": moved.cpu().numpy().copy(),
             "action_mask": self.mask().cpu().numpy().copy(),
             "backend": np.array([self.backend] * len(rows), object),
             "episode_id": np.array([e.id for e in episodes], object),
@@ -230,16 +257,19 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         }
         for name in ("scene", "target", "start", "split"):
             infos[name] = np.array([getattr(e, name) for e in episodes], object)
-        return infos | {f"_{name}": np.ones(len(rows), bool) for name in infos}
+        of = np.ones(len(rows), bool) if of is None else of
+        for values in infos.values():
+            values[~of] = None if values.dtype == object else 0
+        return infos | {f"_{name}": of.copy() for name in infos}
 
     def _add_finals(self, infos: dict[str, Any], step: Step, ended: NDArray[np.bool_]) -> None:
         """Last observation and info of the episodes that ended in this step."""
         now = self._seen, self._target, self._taken
         self._seen, self._target, self._taken = self._final
         last = self._numpy(self.observe())
-        infos["final_info"] = self._infos(step.row.tolist(), step.views, step.moved)
+        infos["final_info"] = self._infos(step.row.tolist(), step.views, step.moved, ended)
         self._seen, self._target, self._taken = now
         infos["final_obs"] = np.array(
             [{k: v[i] for k, v in last.items()} if ended[i] else None for i in range(self.num_envs)], object
         )
-        infos["_final_obs"] = infos["_final_info"] = ended
+        infos["_final_obs"], infos["_final_info"] = ended.copy(), ended.copy()

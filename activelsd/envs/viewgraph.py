@@ -41,7 +41,8 @@ class ViewGraph:
     start_view: NDArray[np.int32]  # (E,)
     start_target: NDArray[np.int32]  # (E,)
     start_split: NDArray[np.uint8]  # (E,) index into SPLITS
-    pair_of: NDArray[np.int32] | None = None  # (V, T) row of boxes, -1 out of sight; None: target fills every frame
+    # (V, T) row of boxes, -1 out of sight; None where the target fills every frame
+    pair_of: NDArray[np.int32] | None = None
     boxes: NDArray[np.float32] | None = None  # (P, 4) cx, cy, w, h as fractions of the frame
     crops: NDArray[np.uint8] | None = None  # (P, S, S) each box cut from the full-resolution picture
 
@@ -166,7 +167,8 @@ def load_graph(path: Path) -> ViewGraph:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
                 raise DataError(f"{path} is not a whole recording of views; delete it and prepare it again.")
-            return ViewGraph(**{f.name: _read(file, f.name, path) for f in fields(ViewGraph) if f.name in file})
+            present = [field.name for field in fields(ViewGraph) if field.name in file]
+            return ViewGraph(**{name: _read(file, name, path) for name in present})
     except OSError as error:
         raise DataError(f"{path} cannot be read as HDF5 ({error}); delete it and prepare it again.") from None
 

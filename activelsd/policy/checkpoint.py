@@ -19,7 +19,7 @@ WEIGHTS, MEANING = "network.safetensors", "network.json"
 
 
 def save_network(network: LSDNet, folder: Path) -> None:
-    """Write weights, action names and shape into an existing folder (the caller renames the folder into place)."""
+    """Write weights, action names and shape into an existing folder, which the caller renames into place."""
     save_tensors(network.state_dict(), folder / WEIGHTS)
     meaning = {"actions": network.tree.to_dict(), "shape": asdict(network.shape)}
     (folder / MEANING).write_text(json.dumps(meaning, indent=1) + "\n")
@@ -35,7 +35,9 @@ def load_network(folder: Path, device: str | torch.device = "cpu") -> LSDNet:
         meaning = json.loads((folder / MEANING).read_text())
         network = LSDNet(ActionTree(meaning["actions"]), NetworkShape(**meaning["shape"]))
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RunError(f"{folder / MEANING} is not a network's description ({error}); use another run.") from None
+        raise RunError(
+            f"{folder / MEANING} is not a network's description ({error}); use another run."
+        ) from None
     tensors = load_tensors(folder / WEIGHTS)
     try:
         network.load_state_dict(tensors)
@@ -55,4 +57,6 @@ def load_tensors(path: Path) -> dict[str, Tensor]:
     try:
         return load_file(path)
     except (OSError, SafetensorError) as error:
-        raise RunError(f"{path} cannot be read ({error}); use an earlier checkpoint or another run.") from None
+        raise RunError(
+            f"{path} cannot be read ({error}); use an earlier checkpoint or another run."
+        ) from None

@@ -1,4 +1,4 @@
-"""Distributions over an action tree: the paper's hierarchy of softmaxes (section 3.3), and its single softmax."""
+"""Distributions over an action tree: the paper's hierarchy of softmaxes (section 3.3), and one softmax."""
 
 from __future__ import annotations
 
@@ -39,10 +39,14 @@ class ActionDistribution:
         return self.log_probs.gather(-1, actions[..., None]).squeeze(-1)
 
     def sample(self, generator: torch.Generator | None = None) -> Tensor:
-        """(...) int64 actions drawn from the distribution."""
+        """(...) int64 actions drawn from the distribution.
+
+        The first of exponential clocks to ring, each at the rate of its action: what `torch.multinomial`
+        does, without its checks, which wait for the device and end a run on a NaN before its loss can be
+        reported.
+        """
         probs = self.log_probs.detach().exp()
-        flat = torch.multinomial(probs.reshape(-1, probs.shape[-1]), 1, generator=generator)
-        return flat.reshape(probs.shape[:-1])
+        return (probs / torch.empty_like(probs).exponential_(generator=generator)).argmax(-1)
 
     @abstractmethod
     def mode(self) -> Tensor:
@@ -141,11 +145,9 @@ class TreeCategorical(ActionDistribution):
 
 
 class FlatCategorical(ActionDistribution):
-    """One softmax over all actions, which the paper compares its tree with; epsilon is that of the leaf level."""
+    """One softmax over all actions, which the paper compares its tree with; epsilon is the leaf level's."""
 
-    def __init__(
-        self, tree: ActionTree, logits: Tensor, mask: Tensor, epsilon: Epsilon = Epsilon()
-    ) -> None:
+    def __init__(self, tree: ActionTree, logits: Tensor, mask: Tensor, epsilon: Epsilon = Epsilon()) -> None:
         """As `TreeCategorical`, with logits (..., n)."""
         self._tree, self._logits, self._mask = tree, logits, mask
         self._log_p = _log_softmax(logits, mask)

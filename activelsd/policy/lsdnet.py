@@ -1,4 +1,4 @@
-"""LSD-Net (paper Figure 2): trunk, memory, and a head that is a distribution over an action tree, plus a value."""
+"""LSD-Net (paper Figure 2): trunk, memory, a head that is a distribution over an action tree, a value."""
 
 from __future__ import annotations
 
@@ -97,5 +97,5 @@ class LSDNet(nn.Module):
         """The policy over actions that logits (..., *) stand for, with mask bool (..., n)."""
         if self.shape.head == "flat":
             return FlatCategorical(self.tree, logits, mask, epsilon)
-        branch, leaf = logits.split([len(self.tree.branches), self.tree.n], -1)
-        return TreeCategorical(self.tree, branch, leaf, mask, epsilon)
+        branches = len(self.tree.branches)
+        return TreeCategorical(self.tree, logits[..., :branches], logits[..., branches:], mask, epsilon)

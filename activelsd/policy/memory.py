@@ -1,8 +1,9 @@
-"""What the policy keeps of earlier views: a stack of frames, an LSTM, or the running maximum of view features."""
+"""What the policy keeps of earlier views: a stack of frames, an LSTM, or the maximum of view features."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -86,7 +87,7 @@ class LSTM(Memory):
 
 def make_memory(name: str, features: int) -> Memory:
     """A memory by name."""
-    kinds = {"stack": Stack, "pool": Pool, "lstm": LSTM}
+    kinds: dict[str, Callable[[int], Memory]] = {"stack": Stack, "pool": Pool, "lstm": LSTM}
     if name not in kinds:
         raise ConfigError(f"There is no memory '{name}'; choose one of {', '.join(kinds)}.")
     return kinds[name](features)

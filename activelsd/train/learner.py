@@ -44,7 +44,9 @@ class Learner:
         for group in self.optimiser.param_groups:
             group["lr"] = rate
         self.optimiser.step()
-        return {f"loss/{name}": value.detach() for name, value in losses._asdict().items()} | {"gradient": norm}
+        return {f"loss/{name}": value.detach() for name, value in losses._asdict().items()} | {
+            "gradient": norm
+        }
 
     def losses(self, rollout: Rollout, progress: float) -> Losses:
         """The loss of a rollout, with its graph."""

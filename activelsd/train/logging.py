@@ -54,7 +54,7 @@ class TensorBoard:
     """Scalars for TensorBoard, in the run's folder `tensorboard`."""
 
     def __init__(self, folder: Path, *, up_to: int) -> None:
-        from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415  takes a second to import
+        from torch.utils.tensorboard import SummaryWriter
 
         self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=up_to + 1 if up_to else None)
 

@@ -1,4 +1,4 @@
-"""The A3C loss (paper equations 1 to 3) as functions of tensors, with an entropy bonus per level of the tree."""
+"""The A3C loss (paper equations 1 to 3) as functions of tensors, with an entropy bonus per level."""
 
 from __future__ import annotations
 

@@ -12,8 +12,11 @@ from activelsd.policy.lsdnet import Output
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rollout:
-    """L x B steps. `output` holds the acting pass with its graph where the weights have not changed since:
-    on-policy, the acting forward is the learning forward, and running it twice would be waste."""
+    """L x B steps.
+
+    `output` holds the acting pass with its graph where the weights have not changed since:
+    on-policy, the acting forward is the learning forward, and running it twice would be waste.
+    """
 
     observation: dict[str, Tensor]  # each (L, B, ...)
     first: Tensor  # (L, B) bool, an episode's first view

@@ -47,7 +47,9 @@ class Run:
             except FileExistsError:
                 continue
             except OSError as error:
-                raise RunError(f"{root} cannot hold runs ({error.strerror}); name another folder as runs=…") from None
+                raise RunError(
+                    f"{root} cannot hold runs ({error.strerror}); name another folder as runs=…"
+                ) from None
             break
         (folder / "versions.json").write_text(json.dumps(_versions(), indent=1) + "\n")
         (folder / CONFIG).write_text(config)
@@ -76,10 +78,14 @@ class Run:
         """The newest checkpoint's folder. Raises RunError where there is none yet."""
         finished = self._finished()
         if not finished:
-            raise RunError(f"{self.folder} has no checkpoint yet; train it on with: activelsd train --resume {self.folder}")
+            raise RunError(
+                f"{self.folder} has no checkpoint; train it with: activelsd train --resume {self.folder}"
+            )
         return finished[-1]
 
-    def save(self, step: int, network: LSDNet, tensors: dict[str, Tensor], progress: Mapping[str, Any]) -> None:
+    def save(
+        self, step: int, network: LSDNet, tensors: dict[str, Tensor], progress: Mapping[str, Any]
+    ) -> None:
         """Write a checkpoint, whole or not at all: a folder under a temporary name, flushed, then renamed.
 
         Args:
@@ -109,7 +115,9 @@ class Run:
         try:
             progress: dict[str, Any] = json.loads(path.read_text())
         except (OSError, ValueError) as error:
-            raise RunError(f"{path} cannot be read ({error}); delete {path.parent} to go on from an earlier one.") from None
+            raise RunError(
+                f"{path} cannot be read ({error}); delete {path.parent} to go on from an earlier one."
+            ) from None
         return load_tensors(self.checkpoint / "training.safetensors"), progress
 
     def _finished(self) -> list[Path]:
@@ -118,10 +126,13 @@ class Run:
 
 
 def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version(), "platform": platform.platform()}
-    for package in ("activelsd", "torch", "numpy", "gymnasium", "embreex", "trimesh"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+    packages = ("activelsd", "torch", "numpy", "gymnasium", "embreex", "trimesh")
+    system = {"python": platform.python_version(), "platform": platform.platform()}
+    return system | {package: _version(package) for package in packages}
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

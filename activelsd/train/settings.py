@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class Anneal(BaseModel):
-    """A value that moves linearly from start to end over the first `train.anneal` of the steps, then stays."""
+    """A value that moves linearly from start to end over the first `train.anneal` of the steps."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -41,9 +41,13 @@ class TrainSettings(BaseModel):
     reward_clip: float | None = Field(None, gt=0, description="clip rewards to plus or minus this")
     bootstrap_at_limit: bool = Field(False, description="an episode cut at max_views is valued on, not ended")
     value_weight: float = Field(0.5, ge=0, description="weight of the value loss")
-    supervised: float = Field(1.0, ge=0, description="weight of cross-entropy on the class branch at every view")
+    supervised: float = Field(
+        1.0, ge=0, description="weight of cross-entropy on the class branch at every view"
+    )
     entropy_branch: Anneal = Field(Anneal(start=0.05, end=0.005), description="entropy bonus: answer or move")
-    entropy_leaf: Anneal = Field(Anneal(start=0.01, end=0.01), description="entropy bonus: which answer or move")
+    entropy_leaf: Anneal = Field(
+        Anneal(start=0.01, end=0.01), description="entropy bonus: which answer or move"
+    )
     epsilon_branch: EpsilonAnneal = Field(EpsilonAnneal(start=0.8, end=0.02), description="random branch")
     epsilon_leaf: EpsilonAnneal = Field(EpsilonAnneal(start=0.3, end=0.02), description="random leaf")
     anneal: float = Field(0.6, gt=0, le=1, description="share of the steps over which these move")

@@ -1,4 +1,4 @@
-"""The training loop: collect a rollout, learn from it, log, look at the validation split, save; until the steps are done."""
+"""The training loop: play, learn, log, look at the validation split, save, until the steps are done."""
 
 from __future__ import annotations
 
@@ -63,13 +63,21 @@ class Trainer:
         self.run, self.settings, self._evaluate = run, settings, evaluate
         weights_seed, play_seed = (int(s) for s in np.random.SeedSequence(seed).generate_state(2))
         env = ViewGraphVectorEnv(
-            graph, rules, num_envs=settings.envs, split="train", frames=shape.frames, backend=backend, device=device
+            graph,
+            rules,
+            num_envs=settings.envs,
+            split="train",
+            frames=shape.frames,
+            backend=backend,
+            device=device,
         )
         self.step, self._seconds = 0, 0.0
         if resume:
             self.network = load_network(run.checkpoint, device)
             if self.network.tree != tree_of(graph):
-                raise RunError(f"{run.folder} was trained with other classes or moves than its world has now.")
+                raise RunError(
+                    f"{run.folder} was trained with other classes or moves than its world has now."
+                )
         else:
             self.network = new_network(tree_of(graph), shape, weights_seed).to(device)
         self.learner = Learner(self.network, settings)
@@ -152,12 +160,14 @@ class Trainer:
             self.learner.load_state(part("learner/"))
             self.actors.load_state(part("actors/"))
         except (KeyError, ValueError, RuntimeError) as error:
-            raise RunError(f"{self.run.checkpoint} does not fit its own settings ({error}); train afresh.") from None
+            raise RunError(
+                f"{self.run.checkpoint} does not fit its own settings ({error}); train afresh."
+            ) from None
 
 
 @contextmanager
 def _stop_requested() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C or SIGTERM into a question the loop asks; the second Ctrl-C interrupts at once."""
+    """Turn the first Ctrl-C or SIGTERM into a question the loop asks; a second Ctrl-C interrupts at once."""
     asked = False
 
     def ask(number: int, frame: FrameType | None) -> None:

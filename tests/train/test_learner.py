@@ -1,4 +1,4 @@
-"""The learner: the kept acting pass gives the same step as a pass of its own, and each setting does its part."""
+"""The learner: the kept acting pass gives the step of a pass of its own; each setting does its part."""
 
 from __future__ import annotations
 
@@ -21,10 +21,14 @@ from activelsd.train.trainer import new_network
 from tests.graphs import ring_graph
 
 
-def rollout_of(memory: str = "pool", head: str = "tree", rules: str = "V4", **settings: Any) -> tuple[LSDNet, Rollout]:
+def rollout_of(
+    memory: str = "pool", head: str = "tree", rules: str = "V4", **settings: Any
+) -> tuple[LSDNet, Rollout]:
     """A second rollout, so that episodes and memory reach over from the first."""
     graph = ring_graph()
-    network = new_network(tree_of(graph), NetworkShape(memory=memory, head=head, size=graph.size, features=32), 1)
+    network = new_network(
+        tree_of(graph), NetworkShape(memory=memory, head=head, size=graph.size, features=32), 1
+    )
     env = ViewGraphVectorEnv(graph, PRESETS[rules], num_envs=6, frames=1)
     actors = ResidentActors(env, network, settings.get("length", 5), seed=2)
     actors.collect(Epsilon(0.5, 0.5))

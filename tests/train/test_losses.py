@@ -16,7 +16,9 @@ from activelsd.train.losses import Weights, a3c_losses, n_step_returns
 
 @settings(derandomize=True, deadline=None, max_examples=50)
 @given(seed=st.integers(0, 10_000), length=st.integers(1, 7), gamma=st.floats(0, 1))
-def test_returns_are_discounted_sums_up_to_the_end_of_the_episode(seed: int, length: int, gamma: float) -> None:
+def test_returns_are_discounted_sums_up_to_the_end_of_the_episode(
+    seed: int, length: int, gamma: float
+) -> None:
     generator = torch.Generator().manual_seed(seed)
     rewards = torch.randn(length, 3, generator=generator)
     ended = torch.rand(length, 3, generator=generator) < 0.3
@@ -36,7 +38,7 @@ def test_returns_are_discounted_sums_up_to_the_end_of_the_episode(seed: int, len
 
 
 def test_loss_of_one_step_worked_out_by_hand() -> None:
-    """Two classes, two moves; branch odds 3:1, class odds 4:1, even moves; the agent names class 0, rightly."""
+    """Two classes, two moves; branch odds 3:1, class odds 4:1, even moves; class 0 is named, rightly."""
     tree = ActionTree.answer_or_move(["a", "b"], ["left", "right"])
     branch = torch.tensor([[[math.log(3.0), 0.0]]], requires_grad=True)
     leaf = torch.tensor([[[math.log(4.0), 0.0, 0.0, 0.0]]], requires_grad=True)
@@ -79,6 +81,7 @@ def test_a_better_outcome_than_valued_makes_the_action_likelier() -> None:
             Weights(0.0, 0.0, 0.0, 0.0),
         )
         losses.total.backward()  # type: ignore[no-untyped-call]
-        assert branch.grad is not None and leaf.grad is not None
+        assert branch.grad is not None
+        assert leaf.grad is not None
         assert -branch.grad[0, 0, 1] * advantage > 0
         assert -leaf.grad[0, 0, 2] * advantage > 0

@@ -1,0 +1,99 @@
+"""From sections of settings to what they describe: a world's views, its rules, a network's shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import torch
+
+from activelsd.config import ModelNetSettings, PolicySettings, RulesSettings, World
+from activelsd.envs.episode import PRESETS, EpisodeRules
+from activelsd.envs.modelnet.env import modelnet_graph
+from activelsd.envs.modelnet.orbit import ORBIT_MOVES, ring_table
+from activelsd.envs.modelnet.shapes import CATEGORIES
+from activelsd.envs.viewgraph import ViewGraph
+from activelsd.errors import ConfigError
+from activelsd.policy.lsdnet import NetworkShape
+
+Progress = Callable[[int, int], None]
+"""Called with what is done and what there is in all."""
+
+
+class WorldKind(NamedTuple):
+    """What the command line knows of a world, beside its settings."""
+
+    environment: str  # Gymnasium's id
+    moves: Sequence[str]
+    datasets: str
+    graph: Callable[[World, Progress | None], ViewGraph]
+
+
+def _modelnet_graph(settings: ModelNetSettings, progress: Progress | None) -> ViewGraph:
+    # A misspelled move is to be heard of before minutes of rendering.
+    ring_table(settings.navigate, len(settings.elevations))
+    dataset = settings.dataset
+    return modelnet_graph(
+        path=dataset.path,
+        split=dataset.split,
+        train_per_class=dataset.train_per_class,
+        test_per_class=dataset.test_per_class,
+        dataset_seed=dataset.seed,
+        classes=dataset.classes,
+        size=settings.size,
+        elevations=settings.elevations,
+        navigate=settings.navigate,
+        cache=settings.cache,
+        progress=progress,
+    )
+
+
+WORLDS: dict[str, WorldKind] = {
+    "modelnet": WorldKind(
+        environment="activelsd/ModelNet-v0",
+        moves=tuple(ORBIT_MOVES),
+        datasets=f"embedded shapes ({len(CATEGORIES)} classes), or meshes or views at env.dataset.path",
+        graph=_modelnet_graph,
+    ),
+}
+"""Every world, by the name its settings have."""
+
+
+def build_graph(settings: World, progress: Progress | None = None) -> ViewGraph:
+    """A world's views, prepared now where the cache does not have them."""
+    return WORLDS[settings.name].graph(settings, progress)
+
+
+def build_rules(settings: RulesSettings) -> EpisodeRules:
+    """The preset's rules with what the settings change of them."""
+    changes = settings.model_dump(exclude={"preset"}, exclude_none=True)
+    return replace(PRESETS[settings.preset], **changes)
+
+
+def build_shape(settings: PolicySettings, graph: ViewGraph) -> NetworkShape:
+    """The network's shape for the pictures of a graph."""
+    return NetworkShape(
+        trunk=settings.trunk,
+        memory=settings.memory,
+        head=settings.head,
+        size=graph.size,
+        frames=settings.frames,
+        crops=graph.crops is not None,
+        features=settings.features,
+    )
+
+
+def build_device(name: str, threads: int | None) -> str:
+    """The device that `auto`, `cpu` or `cuda` means here; sets PyTorch's threads where a number is given.
+
+    Raises:
+        ConfigError: CUDA is asked for and there is none.
+    """
+    if threads is not None:
+        torch.set_num_threads(threads)
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    if name == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("device=cuda needs a GPU that PyTorch can use, and there is none; set device=cpu.")
+    return name

@@ -1,0 +1,254 @@
+"""The command line: verbs, and how each one's words become a config and calls.
+
+Nothing heavy is imported at the start; every verb imports what it needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
+
+from activelsd.errors import ActiveLSDError, UserError, did_you_mean
+
+if TYPE_CHECKING:
+    from activelsd.evaluate.compare import Comparison
+
+INTERRUPTED, BROKEN_PIPE = 130, 141
+"""Exit codes a shell gives to a program that SIGINT or SIGPIPE ended."""
+
+WORDS = "words are group=preset (env=modelnet policy=paper), experiment=NAME or FILE.yaml, and key=value"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a verb and return its exit code: 2 for a user's mistake, 1 for a failure, 130 for Ctrl-C."""
+    try:
+        code = _dispatch(list(sys.argv[1:] if argv is None else argv))
+        sys.stdout.flush()
+    except ActiveLSDError as error:
+        print(f"activelsd: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt as stop:
+        how = str(stop) or "Stopped; the same command goes on with what is done already."
+        print(f"\nactivelsd: {how}", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read the output has gone; Python's own flush at the end must not complain once more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
+    return code
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse with this project's errors."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UserError(f"{message}; see activelsd --help.")
+
+
+class Verb(NamedTuple):
+    """One command."""
+
+    run: Callable[[argparse.Namespace, list[str]], int]
+    usage: str
+    help: str
+
+
+def _parser() -> argparse.ArgumentParser:
+    from activelsd import __version__
+
+    parser = _Parser(
+        prog="activelsd",
+        description="Train an agent that looks around an object and names it, and compare it with others.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"activelsd {__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="verb")
+    for name, verb in VERBS.items():
+        sub = verbs.add_parser(
+            name,
+            usage=f"activelsd {verb.usage}",
+            help=verb.help,
+            description=f"{verb.help}; {WORDS}." if "key=value" in verb.usage else f"{verb.help}.",
+            allow_abbrev=False,
+        )
+        if name == "train":
+            sub.add_argument(
+                "--resume", metavar="RUN", type=Path, help="go on with a run from its last checkpoint"
+            )
+            sub.add_argument(
+                "--sweep",
+                metavar="KEY=A,B,C",
+                action="append",
+                default=[],
+                help="a run per value; may be repeated",
+            )
+        if name in ("train", "prepare"):
+            sub.add_argument(
+                "--dry-run", action="store_true", help="print every setting, explained, and stop"
+            )
+        if name == "compare":
+            sub.add_argument(
+                "--baselines", metavar="A,B", type=_names, default=[], help="players beside the runs"
+            )
+    return parser
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _dispatch(argv: list[str]) -> int:
+    parser = _parser()
+    if not argv:
+        parser.print_help()
+        return 0
+    if not argv[0].startswith("-") and argv[0] not in VERBS:
+        raise UserError(f"There is no verb '{argv[0]}'; {did_you_mean(argv[0], VERBS)}")
+    arguments, rest = parser.parse_known_args(argv)
+    options = [word for word in rest if word.startswith("-")]
+    if options:
+        known = ["--help", *(f"--{name.replace('_', '-')}" for name in vars(arguments) if name != "verb")]
+        name = options[0].partition("=")[0]
+        raise UserError(f"{name} is not an option of activelsd {arguments.verb}; {did_you_mean(name, known)}")
+    return VERBS[arguments.verb].run(arguments, rest)
+
+
+def _train(arguments: argparse.Namespace, words: list[str]) -> int:
+    from activelsd.compose import sweep
+    from activelsd.config import dump
+
+    if arguments.resume is not None:
+        from activelsd.launch import resume, resumed_config
+
+        if arguments.sweep:
+            raise UserError("--resume goes on with one run and --sweep begins several; use one of them.")
+        if arguments.dry_run:
+            print(dump(resumed_config(arguments.resume, words)), end="")
+        else:
+            print(resume(arguments.resume, words))
+        return 0
+
+    configs = sweep(words, arguments.sweep)
+    if arguments.dry_run:
+        print("---\n".join(dump(config) for config in configs), end="")
+        return 0
+    from activelsd.launch import begin
+
+    for config in configs:
+        print(begin(config))
+    return 0
+
+
+def _prepare(arguments: argparse.Namespace, words: list[str]) -> int:
+    from activelsd.compose import resolve
+    from activelsd.config import dump
+
+    config = resolve(words)
+    if arguments.dry_run:
+        print(dump(config), end="")
+        return 0
+    from activelsd.envs.viewgraph import SPLITS
+    from activelsd.launch import open_graph
+
+    graph = open_graph(config)
+    starts = ", ".join(f"{(graph.start_split == i).sum()} {split}" for i, split in enumerate(SPLITS))
+    print(f"{len(graph.scenes)} objects of {len(graph.classes)} classes")
+    print(f"{len(graph.frames)} views of {graph.size} pixels")
+    print(f"Starts of episodes: {starts}")
+    return 0
+
+
+def _evaluate(arguments: argparse.Namespace, words: list[str]) -> int:
+    runs, settings = _runs_and_settings(words)
+    if len(runs) > 1:
+        raise UserError(
+            f"activelsd evaluate measures one run; for several: activelsd compare {' '.join(runs)}"
+        )
+    from activelsd.contest import evaluate
+
+    return _show(*evaluate(runs, settings))
+
+
+def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
+    from activelsd.contest import contest
+
+    runs, settings = _runs_and_settings(words)
+    return _show(*contest(runs, arguments.baselines, settings))
+
+
+def _runs_and_settings(words: list[str]) -> tuple[list[str], list[str]]:
+    """Words without `=` are folders of runs; in `split=val` and the like `evaluate.` may be left out."""
+    settings = [word for word in words if "=" in word]
+    whole = [word if "." in word.partition("=")[0] else f"evaluate.{word}" for word in settings]
+    return [word for word in words if "=" not in word], whole
+
+
+def _show(comparison: Comparison, files: list[Path]) -> int:
+    from rich.console import Console
+
+    from activelsd.evaluate.table import render, text
+
+    console = Console(highlight=False)
+    if console.is_terminal:
+        console.print(render(comparison, console.width))
+    else:
+        print(text(comparison), end="")
+    for file in files:
+        print(file)
+    return 0
+
+
+def _envs(arguments: argparse.Namespace, words: list[str]) -> int:
+    from activelsd.build import WORLDS
+
+    _no_words("envs", words)
+    for name, world in WORLDS.items():
+        print(f"env={name}")
+        print(f"  Gymnasium  {world.environment}")
+        print(f"  moves      {', '.join(world.moves)}")
+        print(f"  datasets   {world.datasets}")
+    return 0
+
+
+def _doctor(arguments: argparse.Namespace, words: list[str]) -> int:
+    from activelsd.doctor import examine
+
+    _no_words("doctor", words)
+    healthy = True
+    for finding in examine(Path("runs")):
+        healthy &= finding.good
+        print(f"{finding.what:<24} {finding.state}{'' if finding.good else '   <- to be mended'}")
+    return 0 if healthy else 1
+
+
+def _no_words(verb: str, words: list[str]) -> None:
+    if words:
+        raise UserError(f"activelsd {verb} takes no words, and was given '{words[0]}'.")
+
+
+VERBS = {
+    "train": Verb(
+        _train,
+        "train env=modelnet [group=preset | key=value …] [--resume RUN] [--sweep KEY=A,B] [--dry-run]",
+        "Train an agent",
+    ),
+    "evaluate": Verb(
+        _evaluate, "evaluate [RUN] [split=test | evaluate.key=value …]", "Measure a trained run"
+    ),
+    "compare": Verb(
+        _compare,
+        "compare [RUN …] --baselines A,B [evaluate.key=value …]",
+        "Play runs and baselines on the same episodes; the newest run where none is named",
+    ),
+    "prepare": Verb(
+        _prepare,
+        "prepare env=modelnet [env.key=value …] [--dry-run]",
+        "Render a world's views into the cache",
+    ),
+    "envs": Verb(_envs, "envs", "List the worlds"),
+    "doctor": Verb(_doctor, "doctor", "Report what this machine offers"),
+}

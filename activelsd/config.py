@@ -1,0 +1,188 @@
+"""The one schema of all settings: a run's config, its sections, and their text as YAML."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from activelsd.train.settings import TrainSettings
+
+PaperRules = Literal["V0", "V1", "V2", "V3", "V4", "V5", "V6"]
+Split = Literal["train", "val", "test"]
+Place = Annotated[Path, AfterValidator(lambda path: path.expanduser().absolute())]
+"""A path kept absolute, so that a run's config means the same from every folder."""
+
+
+class Section(BaseModel):
+    """A group of settings: frozen, and without room for a key it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class DatasetSettings(Section):
+    """Which objects there are, and which of them are for training and which for testing."""
+
+    path: Place | None = Field(
+        None, description="folder or zip of meshes or of views; null: the embedded shapes"
+    )
+    split: Literal["official", "mvcnn", "lsdnet"] = Field(
+        "official", description="which objects of the dataset"
+    )
+    classes: tuple[str, ...] | None = Field(None, min_length=2, description="only these; null: every class")
+    train_per_class: int = Field(
+        150, ge=2, description="embedded shapes: objects to train on, a tenth for val"
+    )
+    test_per_class: int = Field(20, ge=1, description="embedded shapes: objects to test on")
+    seed: int = Field(0, ge=0, description="embedded shapes: which objects")
+
+
+class RulesSettings(Section):
+    """Rewards and ends: a row of the paper's Table 1, and what is changed of it."""
+
+    preset: PaperRules = Field("V4", description="row of Table 1; V0 is the paper's best, V6 cannot move")
+    move: float | None = Field(None, description="reward of a move; null: the preset's")
+    blocked: float | None = Field(None, description="reward of a blocked move; null: the preset's")
+    right: float | None = Field(None, description="reward of the right class; null: the preset's")
+    wrong: float | None = Field(None, description="reward of a wrong class; null: the preset's")
+    max_views: int | None = Field(
+        None, ge=1, description="T, the most views of an episode; null: the preset's"
+    )
+
+
+class ModelNetSettings(Section):
+    """Objects on an orbit of twelve cameras."""
+
+    name: Literal["modelnet"] = Field("modelnet", description="the world")
+    dataset: DatasetSettings = Field(DatasetSettings(), description="the objects")
+    size: int = Field(64, ge=32, le=512, description="side of the frames in pixels")
+    elevations: tuple[Annotated[float, Field(ge=-89, le=89)], ...] = Field(
+        (30.0,), min_length=1, description="degrees above the object that cameras stand at, lowest first"
+    )
+    navigate: tuple[str, ...] = Field(
+        ("orbit_cw", "orbit_ccw", "orbit_cw_90", "orbit_ccw_90"), min_length=1, description="moves, by name"
+    )
+    cache: Place | None = Field(
+        None, description="folder of rendered views; null: $ACTIVELSD_CACHE or ~/.cache/activelsd"
+    )
+    rules: RulesSettings = Field(RulesSettings(), description="rewards and ends")
+
+
+World = ModelNetSettings
+"""A world's settings; a second world makes this `Annotated[A | B, Field(discriminator="name")]`."""
+
+
+class PolicySettings(Section):
+    """The network."""
+
+    trunk: Literal["compact", "alexnet"] = Field("compact", description="what sees; alexnet is the paper's")
+    memory: Literal["stack", "lstm", "pool"] = Field("pool", description="what is kept of earlier views")
+    frames: int = Field(
+        1, ge=1, le=12, description="K, the last views stacked as channels; the paper's 3 for stack"
+    )
+    head: Literal["tree", "flat"] = Field(
+        "tree", description="branch then leaf, or one softmax over all actions"
+    )
+    features: int = Field(256, ge=8, description="width of the compact trunk's output")
+
+
+class EvaluateSettings(Section):
+    """How players are measured."""
+
+    split: Split = Field("test", description="which objects are played")
+    episodes_per_object: int | None = Field(
+        None, ge=1, description="random starts of every object; null: every start once"
+    )
+    seed: int = Field(0, ge=0, description="of random starts, of baselines that draw, of resampling")
+
+
+class RunConfig(Section):
+    """Everything that, with the code, repeats a run."""
+
+    name: str | None = Field(
+        None, pattern=r"^[\w.+-]+$", description="of the run's folder; null: the world's name"
+    )
+    seed: int = Field(0, ge=0, description="fanned out to weights, episodes and actions")
+    device: Literal["auto", "cpu", "cuda"] = Field("auto", description="auto: cuda where there is one")
+    threads: int | None = Field(None, ge=1, description="PyTorch's threads; null: its own choice")
+    runs: Path = Field(Path("runs"), description="folder of runs")
+    env: World = Field(description="the world")
+    policy: PolicySettings = Field(PolicySettings(), description="the network")
+    train: TrainSettings = Field(TrainSettings(), description="how it learns")
+    evaluate: EvaluateSettings = Field(EvaluateSettings(), description="how players are measured")
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> RunConfig:
+        if self.policy.trunk == "alexnet" and self.env.size < 63:
+            raise ValueError(
+                f"policy.trunk=alexnet needs env.size of at least 63 pixels, not {self.env.size}"
+            )
+        return self
+
+
+def worlds(schema: type[RunConfig] = RunConfig) -> dict[str, type[BaseModel]]:
+    """The settings of every world, by its name."""
+    return {model.model_fields["name"].default: model for model in _sections(schema.model_fields["env"])}
+
+
+def settings(schema: type[BaseModel], world: str, prefix: str = "") -> dict[str, FieldInfo]:
+    """Every setting of a world by its dotted key."""
+    found: dict[str, FieldInfo] = {}
+    for name, field in schema.model_fields.items():
+        section = _section(field, world)
+        if section is None:
+            found[prefix + name] = field
+        else:
+            found |= settings(section, world, f"{prefix}{name}.")
+    return found
+
+
+def defaults(schema: type[BaseModel], world: str) -> dict[str, Any]:
+    """The schema's defaults as nested plain values, the bottom layer."""
+    tree: dict[str, Any] = {}
+    for name, field in schema.model_fields.items():
+        section = _section(field, world)
+        if section is not None:
+            tree[name] = defaults(section, world)
+            if isinstance(field.default, section):
+                tree[name] |= field.default.model_dump()
+        elif field.default is not PydanticUndefined:
+            tree[name] = field.default
+    return tree
+
+
+def _sections(field: FieldInfo) -> list[type[BaseModel]]:
+    kinds = get_args(field.annotation) or (field.annotation,)
+    return [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+
+
+def _section(field: FieldInfo, world: str) -> type[BaseModel] | None:
+    sections = _sections(field)
+    if len(sections) > 1:
+        sections = [model for model in sections if model.model_fields["name"].default == world]
+    return sections[0] if sections else None
+
+
+def dump(config: BaseModel) -> str:
+    """A config as YAML, with what each setting means behind it."""
+    return "\n".join(_lines(config, "")) + "\n"
+
+
+def _lines(section: BaseModel, indent: str) -> Iterator[str]:
+    for name, field in type(section).model_fields.items():
+        value = getattr(section, name)
+        if isinstance(value, BaseModel):
+            yield f"{indent}{name}:  # {field.description}"
+            yield from _lines(value, indent + "  ")
+        else:
+            yield f"{indent}{name}: {_inline(section.model_dump(mode='json')[name])}  # {field.description}"
+
+
+def _inline(value: Any) -> str:
+    text = yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True)
+    return text.removesuffix("...\n").strip()

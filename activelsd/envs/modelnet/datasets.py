@@ -1,0 +1,213 @@
+"""Where objects come from: finds out what lies at a path, and lists its objects by class and split."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+
+from activelsd.envs.modelnet import pictures
+from activelsd.envs.modelnet.files import Entry, Folder, Zip, class_folders, open_files
+from activelsd.envs.modelnet.readers import check_format
+from activelsd.envs.modelnet.sources import Item, MeshFiles, PictureFiles, Shapes, Source
+from activelsd.envs.modelnet.splits import FOLDERS, check_rule, chosen, with_validation
+from activelsd.errors import ConfigError, DataError, did_you_mean
+
+_COMPANIONS = frozenset({".mtl", ".bin", ".txt", ".md", ".json", ".csv", ".tsv"})
+"""Endings of what may lie beside meshes and pictures without being one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dataset:
+    """The objects of one dataset; labels follow `classes`, which are in order of names."""
+
+    title: str  # a word for file names
+    classes: tuple[str, ...]
+    items: tuple[Item, ...]
+    source: Source
+    key: Mapping[str, str | int]  # differs where the objects may
+
+    def describe(self) -> str:
+        """What it is and how much of it, in half a sentence."""
+        splits = Counter(item.split for item in self.items)
+        counts = ", ".join(f"{splits[split]} {split}" for split in ("train", "val", "test"))
+        return f"{len(self.items)} objects of {len(self.classes)} classes ({counts}) from {self.key['from']}"
+
+
+class _Object(NamedTuple):
+    """An object found, before it is known whether its split takes it."""
+
+    category: str
+    folder: str
+    name: str
+    parts: tuple[str, ...]
+    stamp: str
+
+
+def open_dataset(
+    path: Path | None,
+    *,
+    split: str = "official",
+    train_per_class: int = 150,
+    test_per_class: int = 20,
+    seed: int = 0,
+    classes: Sequence[str] | None = None,
+) -> Dataset:
+    """The objects at a path, or the embedded shapes where there is none.
+
+    What is at the path is found by looking: a folder, or the zip of it, with `CLASS/train` and `CLASS/test`,
+    holding either meshes or twelve pictures of each object.
+
+    Args:
+        path: of the folder or zip; None for the embedded shapes.
+        split: which objects, see `splits.chosen`.
+        train_per_class: how many embedded shapes to train and validate on, per class.
+        test_per_class: how many embedded shapes to test on, per class.
+        seed: draws the embedded shapes.
+        classes: only these; None for all.
+
+    Raises:
+        DataError: nothing is there, it is laid out otherwise, or a class has nothing to train or test on.
+        ConfigError: the split or a class is not known.
+    """
+    check_rule(split)
+    if path is None:
+        found, source = _shapes(train_per_class, test_per_class, classes), Shapes(seed=seed)
+        return _dataset("shapes", "the embedded shapes", found, source, split, {"seed": seed})
+    files = open_files(path)
+    found, file_source = _in_files(files, classes)
+    return _dataset(path.resolve().stem, str(path.resolve()), found, file_source, split, {})
+
+
+def _dataset(
+    title: str,
+    origin: str,
+    found: Mapping[str, Sequence[_Object]],
+    source: Source,
+    rule: str,
+    key: Mapping[str, str | int],
+) -> Dataset:
+    items: list[Item] = []
+    digest = hashlib.sha256()
+    for category, objects in found.items():
+        names = Counter(o.name for o in objects)
+        for folder in FOLDERS:
+            own = {o.parts[0] if names[o.name] > 1 else o.name: o for o in objects if o.folder == folder}
+            taken = chosen(list(own), folder, rule)
+            if not taken:
+                raise DataError(_nothing(origin, category, folder, rule, len(own)))
+            splits = with_validation(taken) if folder == "train" else [folder] * len(taken)
+            for name, split in zip(taken, splits, strict=True):
+                whole = f"{category}/{name.removeprefix(f'{category}/')}"
+                items.append(Item(name=whole, category=category, split=split, parts=own[name].parts))
+                digest.update(repr((items[-1], own[name].stamp)).encode())
+    return Dataset(
+        title=title,
+        classes=tuple(found),
+        items=tuple(items),
+        source=source,
+        key={
+            "from": origin,
+            "kind": str(source.spec()["kind"]),
+            "split": rule,
+            "objects": len(items),
+            "digest": digest.hexdigest(),
+            **key,
+        },
+    )
+
+
+def _nothing(origin: str, category: str, folder: str, rule: str, found: int) -> str:
+    if found:
+        return (
+            f"Split '{rule}' leaves class '{category}' of {origin} no {folder} objects, as it drops the last;"
+            " add objects or use split=official."
+        )
+    return f"Class '{category}' of {origin} has no {folder} objects; add some or leave the class out."
+
+
+def _shapes(train: int, test: int, classes: Sequence[str] | None) -> dict[str, list[_Object]]:
+    """The embedded shapes asked for."""
+    from activelsd.envs.modelnet.shapes import CATEGORIES  # files do without it
+
+    counts = {"train": train, "test": test}
+    return {
+        category: [
+            _Object(category, folder, f"{folder}_{i:05d}", (folder, str(i)), "")
+            for folder in FOLDERS
+            for i in range(counts[folder])
+        ]
+        for category in _asked(CATEGORIES, classes, "the embedded shapes")
+    }
+
+
+def _in_files(
+    files: Folder | Zip, classes: Sequence[str] | None
+) -> tuple[dict[str, list[_Object]], MeshFiles | PictureFiles]:
+    """The objects of every class asked for, and what makes them."""
+    folders = class_folders(files)
+    entries = {
+        category: _objects_only(files, folders[category])
+        for category in _asked(tuple(folders), classes, str(files.root))
+    }
+    kinds: dict[bool, str] = {}
+    for entry in (entry for own in entries.values() for entry in own):
+        kinds.setdefault(_is_picture(entry), files.where(entry.path))
+    if len(kinds) == 2:
+        raise DataError(
+            f"{files.root} holds meshes ({kinds[False]}) and pictures ({kinds[True]}) side by side;"
+            " keep the one kind or the other."
+        )
+    if True in kinds:
+        return {c: _pictured(files, c, own) for c, own in entries.items()}, PictureFiles(files=files)
+    for ending in sorted({PurePosixPath(e.path).suffix.lower() for own in entries.values() for e in own}):
+        example = next(e for own in entries.values() for e in own if e.path.lower().endswith(ending))
+        check_format(ending, files.where(example.path))
+    return {c: [_meshed(e) for e in own] for c, own in entries.items()}, MeshFiles(files=files)
+
+
+def _asked(known: Sequence[str], classes: Sequence[str] | None, origin: str) -> list[str]:
+    """The classes asked for, in order of names."""
+    if classes is None:
+        return sorted(known)
+    if not classes:
+        raise ConfigError("No class is asked for; name some in dataset.classes, or leave it out for all.")
+    for name in classes:
+        if name not in known:
+            hint = did_you_mean(name, sorted(known))
+            raise ConfigError(f"There is no class '{name}' in {origin}; {hint}")
+    return sorted(set(classes))
+
+
+def _objects_only(files: Folder | Zip, entries: Sequence[Entry]) -> list[Entry]:
+    """The meshes or pictures among a class's files; one that would be overlooked is an error."""
+    objects = [e for e in entries if PurePosixPath(e.path).suffix.lower() not in _COMPANIONS]
+    for entry in objects:
+        if entry.folder not in FOLDERS:
+            raise DataError(
+                f"{files.where(entry.path)} would be overlooked, as it does not stand right in"
+                f" {entry.category}/train or {entry.category}/test; move or remove it."
+            )
+    return objects
+
+
+def _is_picture(entry: Entry) -> bool:
+    return PurePosixPath(entry.path).suffix.lower() in pictures.ENDINGS
+
+
+def _meshed(entry: Entry) -> _Object:
+    return _Object(entry.category, entry.folder, PurePosixPath(entry.path).stem, (entry.path,), entry.stamp)
+
+
+def _pictured(files: Folder | Zip, category: str, entries: Sequence[Entry]) -> list[_Object]:
+    stamps = {e.path: e.stamp for e in entries}
+    return [
+        _Object(category, folder, name, tuple(paths), " ".join(stamps[path] for path in paths))
+        for folder in FOLDERS
+        for name, paths in pictures.grouped(
+            [e.path for e in entries if e.folder == folder], f"{files.root}/{category}/{folder}"
+        ).items()
+    ]

@@ -1,0 +1,182 @@
+"""The file of views in the making: filled object by object, gone on with after an interruption.
+
+HDF5 is closed while views are written: its metadata is laid down first, then bytes go to known places in the
+file. So a process that is killed, even by SIGKILL, leaves a file that the next one goes on with. POSIX only.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from activelsd.envs.viewgraph import ViewGraph, replace_durably, seal, write_graph
+from activelsd.errors import DataError
+
+_DONE = "done"
+_KEY = "partial_key"
+_FLUSH_SECONDS = 2.0
+
+
+class CacheError(DataError):
+    """Raised when the cache cannot be written: what is wrong is not the data."""
+
+
+class PartialGraph:
+    """A graph whose frames arrive in blocks of equal size, one an object.
+
+    Attributes:
+        done: bool (n,), the blocks whose bytes have reached the disk.
+    """
+
+    def __init__(self, path: Path, graph: ViewGraph, key: Mapping[str, Any], blocks: int) -> None:
+        """Go on with the file, or begin it where there is none of this key that can be read.
+
+        Args:
+            path: of the finished file; the one in the making is beside it.
+            graph: all of it but the frames, whose shape alone counts.
+            key: what the graph is made from.
+            blocks: n, how many equal parts its frames come in.
+
+        Raises:
+            CacheError: here and below, the file cannot be written.
+        """
+        self._path = path
+        self._key = key
+        self._partial = path.with_name(path.name + ".partial")
+        self._block = graph.frames.size // blocks
+        with writing(path.parent):
+            self._frames_at, self._done_at = self._places() or self._begin(graph, blocks)
+            self._file = self._partial.open("r+b", buffering=0)
+            self._file.seek(self._done_at)
+            self.done = np.frombuffer(self._file.read(blocks), np.bool_).copy()
+        self._written: list[int] = []
+        self._flushed = time.monotonic()
+
+    def write(self, block: int, frames: NDArray[np.uint8]) -> None:
+        """Put a block's frames in place; it counts as done from the next flush, at most seconds later."""
+        assert frames.size == self._block
+        self._put(self._frames_at + block * self._block, frames.tobytes())
+        self._written.append(block)
+        if time.monotonic() - self._flushed > _FLUSH_SECONDS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Bring the frames to the disk, and only then say that they are there."""
+        with writing(self._path.parent):
+            os.fsync(self._file.fileno())
+        for block in self._written:
+            self._put(self._done_at + block, b"\1")
+            self.done[block] = True
+        self._written.clear()
+        self._flushed = time.monotonic()
+
+    def finish(self) -> None:
+        """Make it a whole graph, under its own name."""
+        self.flush()
+        assert self.done.all()
+        self._file.close()
+        with writing(self._path.parent):
+            with h5py.File(self._partial, "r+") as file:
+                del file[_DONE], file.attrs[_KEY]
+                seal(file, self._key)
+            replace_durably(self._partial, self._path)
+
+    def leave(self, *, keep: bool) -> None:
+        """Stop here: what is done stays to be gone on with, if there is any and it is worth keeping."""
+        try:
+            self.flush()
+        finally:
+            self._file.close()
+            if not (keep and self.done.any()):
+                self._partial.unlink()
+
+    def _put(self, place: int, data: bytes) -> None:
+        with writing(self._path.parent):
+            self._file.seek(place)
+            self._write_all(data)
+
+    def _write_all(self, data: bytes) -> None:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._file.write(rest) :]
+
+    def _places(self) -> tuple[int, int] | None:
+        """Where frames and done marks stand in the file; None where there is none to go on with."""
+        try:
+            with h5py.File(self._partial, "r") as file:
+                if file.attrs.get(_KEY) != json.dumps(self._key, sort_keys=True):
+                    return None
+                return file["frames"].id.get_offset(), file[_DONE].id.get_offset()
+        except OSError:
+            return None
+
+    def _begin(self, graph: ViewGraph, blocks: int) -> tuple[int, int]:
+        with h5py.File(self._partial, "w") as file:
+            write_graph(file, graph, skip=frozenset({"frames"}))
+            places = _allot(file, "frames", graph.frames.shape), _allot(file, _DONE, (blocks,))
+            file.attrs[_KEY] = json.dumps(self._key, sort_keys=True)
+        return places
+
+
+def _allot(file: h5py.File, name: str, shape: tuple[int, ...]) -> int:
+    """Make a dataset of zeros in one piece, and tell where in the file it stands."""
+    properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    properties.set_layout(h5py.h5d.CONTIGUOUS)
+    properties.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    properties.set_obj_track_times(False)  # the same views make the same bytes, whenever
+    space = h5py.h5s.create_simple(shape)
+    dataset = h5py.h5d.create(file.id, name.encode(), h5py.h5t.NATIVE_UINT8, space, dcpl=properties)
+    place: int = dataset.get_offset()
+    return place
+
+
+@contextmanager
+def writing(cache: Path) -> Iterator[None]:
+    """Say of what the system refuses here that it is the cache: no room, no right, something in the way."""
+    try:
+        yield
+    except OSError as error:
+        reason = f"The cache {cache} cannot be written ({error.strerror or error})"
+        raise CacheError(f"{reason}; make room there or choose another by env.cache.") from None
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Keep other processes from preparing the same file; a lock falls with its process.
+
+    Raises:
+        CacheError: another process has it, or it cannot be written.
+    """
+    lock = path.with_name(path.name + ".lock")
+    while True:
+        with writing(path.parent):
+            file = lock.open("a")
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise CacheError(f"Another process is preparing {path}; wait until it is done.") from None
+            if not _is_at(file.fileno(), lock):  # removed by the one who had it, after this one opened it
+                continue
+            try:
+                yield
+            finally:
+                lock.unlink(missing_ok=True)
+            return
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False

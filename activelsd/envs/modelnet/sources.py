@@ -1,0 +1,134 @@
+"""What objects are made of: mesh files, pictures by others, or embedded shapes; each gives their views.
+
+A source is small and says itself in JSON, so that a rendering process elsewhere can be given the same one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activelsd.envs.modelnet.files import Folder, Zip, open_files
+from activelsd.envs.modelnet.meshes import Mesh
+from activelsd.envs.modelnet.pictures import decode
+from activelsd.envs.modelnet.readers import decode_mesh
+from activelsd.envs.modelnet.splits import FOLDERS
+from activelsd.errors import DataError
+
+AZIMUTHS: tuple[int, ...] = tuple(range(0, 360, 30))
+"""Degrees around the object, counter-clockwise seen from above, that cameras stand at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Item:
+    """An object of a dataset."""
+
+    name: str  # CLASS/OBJECT, unique in its dataset
+    category: str
+    split: str  # train, val or test
+    parts: tuple[str, ...]  # what its source makes it of: a mesh's path, twelve pictures', or a number
+
+
+class Source(Protocol):
+    """Gives the views of the items of one dataset."""
+
+    code: ClassVar[tuple[str, ...]]
+    """Patterns of the modules here that its pictures depend on, so that a change in them remakes caches."""
+
+    def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
+        """uint8 (E * 12, size, size), elevation after elevation. Raises DataError naming what is broken."""
+        ...
+
+    def spec(self) -> dict[str, str | int]:
+        """What `source_from` makes the same source of."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshFiles:
+    """Meshes of a folder or zip."""
+
+    code: ClassVar[tuple[str, ...]] = ("renderer.py", "readers.py")
+    files: Folder | Zip
+
+    def mesh(self, item: Item) -> Mesh:
+        """The mesh of an item. Raises DataError naming the file where it is broken."""
+        (path,) = item.parts
+        beside = self.files.root / path if isinstance(self.files, Folder) else None
+        return decode_mesh(self.files.read(path), self.files.where(path), beside=beside)
+
+    def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
+        """See `Source`."""
+        return _rendered(self.mesh(item), self.files.where(item.parts[0]), size, elevations)
+
+    def spec(self) -> dict[str, str | int]:
+        """See `Source`."""
+        return {"kind": "meshes", "path": str(self.files.root)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureFiles:
+    """Views rendered by others, in a folder or zip."""
+
+    code: ClassVar[tuple[str, ...]] = ("pictures.py",)
+    files: Folder | Zip
+
+    def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
+        """See `Source`; the elevation is whichever they were rendered from."""
+        del elevations
+        pictures = [decode(self.files.read(path), self.files.where(path), size) for path in item.parts]
+        return np.stack(pictures)
+
+    def spec(self) -> dict[str, str | int]:
+        """See `Source`."""
+        return {"kind": "pictures", "path": str(self.files.root)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shapes:
+    """The embedded shapes, drawn by number: asking for more of them leaves the earlier ones as they are."""
+
+    code: ClassVar[tuple[str, ...]] = ("renderer.py", "shapes/*.py")
+    seed: int
+
+    def mesh(self, item: Item) -> Mesh:
+        """The shape of an item, whose parts are `train` or `test` and its number there."""
+        from activelsd.envs.modelnet.shapes import CATEGORIES, make_shape  # keeps OFF files fast
+
+        folder, number = item.parts
+        words = (self.seed, FOLDERS.index(folder), CATEGORIES.index(item.category), int(number))
+        return make_shape(item.category, np.random.default_rng(np.random.SeedSequence(words)))
+
+    def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
+        """See `Source`."""
+        return _rendered(self.mesh(item), f"The embedded shape {item.name}", size, elevations)
+
+    def spec(self) -> dict[str, str | int]:
+        """See `Source`."""
+        return {"kind": "shapes", "seed": self.seed}
+
+
+def source_from(spec: dict[str, str | int]) -> Source:
+    """The source that `spec` came from.
+
+    Raises:
+        DataError: its files are gone.
+    """
+    if spec["kind"] == "shapes":
+        return Shapes(seed=int(spec["seed"]))
+    files = open_files(Path(str(spec["path"])))
+    return MeshFiles(files=files) if spec["kind"] == "meshes" else PictureFiles(files=files)
+
+
+def _rendered(mesh: Mesh, name: str, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
+    from activelsd.envs.modelnet.renderer import render_views  # pictures do without embree
+
+    try:
+        return render_views(mesh, size=size, azimuths=AZIMUTHS, elevations=elevations)
+    except DataError as error:
+        raise DataError(f"{name} cannot be rendered: {str(error)[0].lower()}{str(error)[1:]}") from None

@@ -1,0 +1,184 @@
+"""How much the embedded shapes reward looking around: supervised accuracy by number of views.
+
+One classifier is trained for each number of views: 1, 4 a quarter-turn apart, and all 12, their features
+pooled by maximum as in MVCNN (Su et al. 2015, https://arxiv.org/abs/1505.00880). The epoch that is kept is
+the best on a tenth of the training objects; the test objects are only reported on. An agent that picks
+its views can be expected between the first row and the last.
+
+    python benchmarks/views.py --per-class-train 150 --per-class-test 20 --epochs 12
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from multiprocessing import get_context
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from activelsd.envs.modelnet.renderer import render_views
+from activelsd.envs.modelnet.shapes import CATEGORIES, make_shape
+from activelsd.policy.trunk import Compact, as_input
+
+AZIMUTHS = 12
+ELEVATION = 30.0
+TRAIN, TEST = 0, 1  # numbers of the splits in the seeds
+BATCH = 192  # frames, however many of them make an example
+VAL_EVERY = 10  # the tenth object of each ten is for validation
+
+
+class Rings(NamedTuple):
+    """Objects seen from all around."""
+
+    frames: Tensor  # uint8 (N, 12, S, S)
+    labels: Tensor  # int64 (N,)
+
+
+def ring(seed: tuple[int, int, int, int], size: int) -> NDArray[np.uint8]:
+    """Views (12, S, S) of the object that a seed, split, category and number stand for."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    mesh = make_shape(CATEGORIES[seed[2]], rng)
+    azimuths = [i * 360 / AZIMUTHS for i in range(AZIMUTHS)]
+    return render_views(mesh, size=size, azimuths=azimuths, elevations=[ELEVATION])
+
+
+def draw(seed: int, split: int, per_class: int, size: int) -> Rings:
+    """Make and render a split over all cores."""
+    jobs = [
+        ((seed, split, category, i), size) for category in range(len(CATEGORIES)) for i in range(per_class)
+    ]
+    with get_context("spawn").Pool(os.cpu_count()) as pool:
+        frames = np.stack(pool.starmap(ring, jobs, chunksize=16))
+    return Rings(torch.from_numpy(frames), torch.tensor([job[0][2] for job in jobs]))
+
+
+class ViewPool(nn.Module):
+    """The compact trunk for each view, the maximum over the views, and a linear layer to the classes."""
+
+    def __init__(self, size: int, classes: int) -> None:
+        """Build for square frames of `size` pixels."""
+        super().__init__()
+        self.trunk = Compact(1, size)
+        self.classes = nn.Linear(self.trunk.features, classes)
+
+    def forward(self, frames: Tensor) -> Tensor:
+        """Logits (B, classes) of uint8 frames (B, K, S, S)."""
+        b, k, s, _ = frames.shape
+        x = self.trunk(as_input(frames.reshape(b * k, 1, s, s)))
+        logits: Tensor = self.classes(x.reshape(b, k, -1).amax(dim=1))
+        return logits
+
+
+def select(rings: Rings, objects: Tensor, starts: Tensor, views: int) -> Tensor:
+    """Frames (B, views, S, S) of objects (B,) spread evenly around the ring from a start (B,) each."""
+    steps = torch.arange(views) * (AZIMUTHS // views)
+    return rings.frames[objects[:, None], (starts[:, None] + steps) % AZIMUTHS]
+
+
+@torch.no_grad()
+def predict(model: ViewPool, rings: Rings, views: int) -> Tensor:
+    """Classes (N, starts) that the model gives from every start that makes a difference."""
+    n, starts = len(rings.labels), AZIMUTHS // views
+    model.eval()
+    columns = []
+    for start in range(starts):
+        chunks = torch.split(torch.arange(n), 256)
+        logits = [model(select(rings, c, torch.full((len(c),), start), views)) for c in chunks]
+        columns.append(torch.cat(logits).argmax(dim=1))
+    return torch.stack(columns, dim=1)
+
+
+def accuracy(classes: Tensor, labels: Tensor) -> float:
+    """Share of (N, starts) predictions that name the object."""
+    return float((classes == labels[:, None]).double().mean())
+
+
+def fit(train: Rings, val: Rings, views: int, args: argparse.Namespace) -> tuple[ViewPool, float]:
+    """Train by Adam until the epochs or the seconds are spent; the best epoch on val, and its accuracy."""
+    torch.manual_seed(args.seed)
+    model = ViewPool(args.size, len(CATEGORIES))
+    optimiser = torch.optim.Adam(model.parameters(), lr=args.rate)
+    best, kept, began, share = -1.0, model.state_dict(), time.monotonic(), 0.0
+    objects, per_batch = len(train.labels), BATCH // views
+    per_epoch = objects * AZIMUTHS // BATCH
+    for epoch in range(args.epochs):
+        model.train()
+        for i in range(per_epoch):
+            spent = time.monotonic() - began
+            share = max((epoch + i / per_epoch) / args.epochs, spent / args.seconds)
+            if share >= 1.0:
+                break
+            optimiser.param_groups[0]["lr"] = args.rate * (1 - 0.95 * share)
+            chosen = torch.randint(objects, (per_batch,))
+            logits = model(select(train, chosen, torch.randint(AZIMUTHS, (per_batch,)), views))
+            loss = functional.cross_entropy(logits, train.labels[chosen])
+            optimiser.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimiser.step()
+        right = accuracy(predict(model, val, views), val.labels)
+        if right > best:
+            best, kept = right, {name: value.clone() for name, value in model.state_dict().items()}
+        print(
+            f"  {views:2} views, epoch {epoch + 1}, {spent:.0f} s: loss {loss.item():.3f}, val {right:.3f}",
+            flush=True,
+        )
+        if share >= 1.0:
+            break
+    model.load_state_dict(kept)
+    return model, best
+
+
+def confusion(classes: Tensor, labels: Tensor) -> str:
+    """A line per category: its accuracy and what it is mostly taken for."""
+    lines = []
+    for i, name in enumerate(CATEGORIES):
+        given = torch.bincount(classes[labels == i].flatten(), minlength=len(CATEGORIES)).double()
+        given /= given.sum()
+        others = [j for j in given.argsort(descending=True).tolist() if j != i and given[j] >= 0.03]
+        taken = ", ".join(f"{CATEGORIES[j]} {given[j]:.2f}" for j in others[:5])
+        lines.append(f"  {name:12} {given[i]:.2f}   {taken}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Make the objects, train and report."""
+    plain = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=plain)
+    parser.add_argument("--per-class-train", type=int, default=150)
+    parser.add_argument("--per-class-test", type=int, default=20)
+    parser.add_argument("--size", type=int, default=64)
+    parser.add_argument("--views", type=int, nargs="+", default=[1, 4, 12], help="divisors of 12")
+    parser.add_argument("--epochs", type=int, default=12, help="frames drawn, in sets")
+    parser.add_argument("--seconds", type=float, default=600.0, help="most time to train a row")
+    parser.add_argument("--rate", type=float, default=1e-3)
+    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    torch.set_flush_denormal(True)
+
+    began = time.monotonic()
+    drawn = draw(args.seed, TRAIN, args.per_class_train, args.size)
+    test = draw(args.seed, TEST, args.per_class_test, args.size)
+    count = len(drawn.labels) + len(test.labels)
+    print(f"{count} objects of {len(CATEGORIES)} categories rendered in {time.monotonic() - began:.1f} s")
+    held = torch.arange(len(drawn.labels)) % VAL_EVERY == VAL_EVERY - 1
+    train, val = Rings(*(x[~held] for x in drawn)), Rings(*(x[held] for x in drawn))
+
+    rows = []
+    for views in args.views:
+        model, best = fit(train, val, views, args)
+        classes = predict(model, test, views)
+        rows.append(f"{views:5}  {best:6.1%}  {accuracy(classes, test.labels):6.1%}")
+        print(f"{views} views, test, by category:\n{confusion(classes, test.labels)}")
+    print("views     val    test\n" + "\n".join(rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""Moves on the orbit: the table against geometry, names, and a move of one's own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from activelsd.envs.episode import PRESETS
+from activelsd.envs.graphenv import ViewGraphEnv, tree_of
+from activelsd.envs.modelnet.orbit import AZIMUTHS, ORBIT_MOVES, OrbitMove, ring_table, with_moves
+from activelsd.errors import ConfigError, DataError
+from tests.graphs import ring_graph
+
+# What the names say, in degrees counter-clockwise and elevations up, written a second time.
+MEANT = {
+    "orbit_cw": (-30, 0),
+    "orbit_ccw": (30, 0),
+    "orbit_cw_60": (-60, 0),
+    "orbit_ccw_60": (60, 0),
+    "orbit_cw_90": (-90, 0),
+    "orbit_ccw_90": (90, 0),
+    "orbit_opposite": (180, 0),
+    "orbit_up": (0, 1),
+    "orbit_down": (0, -1),
+}
+
+
+def camera(azimuth: float, level: int) -> tuple[float, float, int]:
+    return (round(np.cos(np.radians(azimuth)), 6), round(np.sin(np.radians(azimuth)), 6), level)
+
+
+@pytest.mark.parametrize("elevations", [2, 3, 5])
+def test_moves_lead_to_the_camera_that_stands_there(elevations: int) -> None:
+    assert set(MEANT) == set(ORBIT_MOVES)
+    cameras = [camera(30 * a, level) for level in range(elevations) for a in range(AZIMUTHS)]
+    table = ring_table(list(MEANT), elevations)
+    assert (table.shape, table.dtype) == ((len(cameras), len(MEANT)), np.int32)
+    for view, (x, y, level) in enumerate(cameras):
+        azimuth = np.degrees(np.arctan2(y, x))
+        for column, (around, up) in enumerate(MEANT.values()):
+            wanted = camera(azimuth + around, level + up)
+            near = [i for i, other in enumerate(cameras) if np.allclose(wanted, other, atol=1e-4)]
+            assert table[view, column] == (near[0] if near else -1)
+
+
+def test_one_elevation_has_every_move_around_and_none_is_blocked() -> None:
+    names = [name for name, (_, up) in MEANT.items() if not up]
+    table = ring_table(names, 1)
+    several = ring_table(names, 3)
+    assert (table >= 0).all()
+    assert np.array_equal(several[:AZIMUTHS], table)
+    for column in range(len(names)):
+        assert sorted(table[:, column]) == list(range(AZIMUTHS))
+
+
+def test_the_ends_block_up_and_down_and_nothing_else() -> None:
+    up, down = ring_table(["orbit_up", "orbit_down"], 3).T.reshape(2, 3, AZIMUTHS)
+    assert (up[2] == -1).all()
+    assert (down[0] == -1).all()
+    assert (up[:2] >= 0).all()
+    assert (down[1:] >= 0).all()
+
+
+def test_an_environment_is_blocked_at_both_ends() -> None:
+    graph = ring_graph(objects=3, classes=1, elevations=2, moves=("orbit_up", "orbit_down"))
+    env = ViewGraphEnv(graph, PRESETS["V1"])
+    _, info = env.reset(seed=0)
+    start = int(graph.start_view[graph.find(info["episode_id"])])
+    moved, places = [], []
+    for action in (2, 1, 1, 2):  # down, up, up, down: blocked, up, blocked, down
+        observation, *_, info = env.step(action)
+        moved.append(info["moved"])
+        places.append(observation["frames"][-1])
+    assert moved == [False, True, False, True]
+    expected = [start, start + 12, start + 12, start]
+    assert all(np.array_equal(seen, graph.frames[v]) for seen, v in zip(places, expected, strict=True))
+    assert info["views"] == 5
+
+
+def test_every_object_keeps_to_its_own_views() -> None:
+    graph = ring_graph(objects=6, classes=2, elevations=2, moves=tuple(MEANT))
+    ring = ring_table(list(MEANT), 2)
+    for view, row in enumerate(graph.moves):
+        first = view // 24 * 24
+        assert row.tolist() == [to + first if to >= 0 else -1 for to in ring[view - first]]
+        assert {graph.scene_of[to] for to in row if to >= 0} == {graph.scene_of[view]}
+
+
+def test_other_moves_replace_those_there_were() -> None:
+    graph = with_moves(ring_graph(objects=3, classes=1), ["orbit_opposite"])
+    assert graph.move_names == ("orbit_opposite",)
+    assert graph.moves.shape == (36, 1)
+    assert graph.moves[:12, 0].tolist() == [6, 7, 8, 9, 10, 11, 0, 1, 2, 3, 4, 5]
+
+
+def test_a_move_of_ones_own_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(ORBIT_MOVES, "climb_right", OrbitMove(around=60, up=1))
+    graph = ring_graph(objects=3, classes=1, elevations=2, moves=("orbit_cw", "climb_right"))
+    env = ViewGraphEnv(graph, PRESETS["V4"])
+    env.reset(options={"episode": "train:object_0:object_0:0_330"})
+    observation, *_, info = env.step(env.tree.index("navigate", "climb_right"))
+    assert info["moved"]
+    assert np.array_equal(observation["frames"][-1], graph.frames[graph.view_names.index("1_030")])
+
+
+@pytest.mark.parametrize(
+    ("names", "elevations", "sentence"),
+    [
+        (["orbit_cww"], 1, "The ModelNet world has no move 'orbit_cww'; did you mean orbit_cw?"),
+        (
+            ["orbit_cw", "orbit_up"],
+            1,
+            "'orbit_up' needs more than one elevation; ask for some, as in env.elevations=[0,30].",
+        ),
+    ],
+)
+def test_errors_are_one_sentence(names: list[str], elevations: int, sentence: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        ring_table(names, elevations)
+    assert str(error.value) == sentence
+
+
+def test_a_name_like_none_gets_the_list_and_a_crooked_move_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with pytest.raises(ConfigError, match=r"no move 'zzz'; there are orbit_cw, orbit_ccw, "):
+        ring_table(["zzz"], 1)
+    monkeypatch.setitem(ORBIT_MOVES, "crooked", OrbitMove(around=45))
+    with pytest.raises(ConfigError, match="45 degrees around; cameras stand every 30"):
+        ring_table(["crooked"], 1)
+
+
+def test_moves_named_twice_or_not_at_all_are_refused() -> None:
+    graph = ring_graph(objects=3, classes=1)
+    with pytest.raises(ConfigError, match="names 'orbit_cw' twice"):
+        tree_of(with_moves(graph, ["orbit_cw", "orbit_cw"]))
+    with pytest.raises(DataError, match="no move"):
+        tree_of(replace(with_moves(graph, [])))

@@ -1,0 +1,275 @@
+"""Preparing views: the graph they make, the cache, and going on after whatever interrupts."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from activelsd.envs.modelnet import partial, workers
+from activelsd.envs.modelnet.datasets import open_dataset
+from activelsd.envs.modelnet.partial import PartialGraph, alone
+from activelsd.envs.modelnet.prepare import prepare
+from activelsd.envs.viewgraph import SPLITS, load_graph, read_key
+from activelsd.errors import ActiveLSDError, ConfigError, DataError
+
+SIZE = 32
+
+
+def shapes(train=3, test=2, classes=("cup", "vase")):
+    return open_dataset(None, train_per_class=train, test_per_class=test, classes=classes)
+
+
+def prepared(dataset, cache, **options):
+    return prepare(dataset, **{"size": SIZE, "elevations": [30.0], "cache": cache, **options})
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_the_graph_is_a_ring_of_views_per_object(tmp_path):
+    dataset = shapes()
+    graph = load_graph(prepared(dataset, tmp_path, elevations=[30, 0.5]))
+    objects = len(dataset.items)
+    assert graph.frames.shape == (objects * 24, SIZE, SIZE)
+    assert isinstance(graph.frames, np.memmap)
+    assert graph.moves.shape == (objects * 24, 0)
+    assert graph.targets == graph.scenes == tuple(item.name for item in dataset.items)
+    assert [graph.classes[label] for label in graph.labels] == [item.category for item in dataset.items]
+    assert graph.view_names[:2] == ("e30_a000", "e30_a030")
+    assert graph.view_names[12:14] == ("e0.5_a000", "e0.5_a030")
+    assert len(set(zip(graph.scene_of.tolist(), graph.view_names, strict=True))) == objects * 24
+    for i, item in enumerate(dataset.items):
+        views = dataset.source.views(item, size=SIZE, elevations=[30, 0.5])
+        np.testing.assert_array_equal(graph.frames[24 * i : 24 * i + 24], views)
+        starts = np.flatnonzero(graph.start_target == i)
+        assert graph.start_view[starts].tolist() == list(range(24 * i, 24 * i + 12))
+        assert {SPLITS[s] for s in graph.start_split[starts]} == {item.split}
+    assert names(tmp_path) == [prepared(dataset, tmp_path, elevations=[30, 0.5]).name]
+
+
+def test_what_is_there_is_taken_and_settings_live_side_by_side(tmp_path):
+    seen = []
+    first = prepared(shapes(), tmp_path, progress=lambda *counts: seen.append(counts))
+    assert seen == [(i, 10) for i in range(11)]
+    stamp = first.stat().st_mtime_ns
+    assert prepared(shapes(), tmp_path, progress=lambda *_: pytest.fail("rendered again")) == first
+    assert first.stat().st_mtime_ns == stamp
+    others = {
+        prepared(shapes(), tmp_path, size=16),
+        prepared(shapes(), tmp_path, elevations=[0]),
+        prepared(shapes(train=4), tmp_path),
+    }
+    assert len(others | {first}) == len(names(tmp_path)) == 4
+
+
+def test_a_file_that_cannot_be_read_is_made_anew(tmp_path):
+    path = prepared(shapes(), tmp_path)
+    whole = path.read_bytes()
+    for data in (b"", b"something else", whole[: len(whole) // 2]):
+        path.write_bytes(data)
+        path.with_name(path.name + ".partial").write_bytes(data)
+        assert prepared(shapes(), tmp_path) == path
+        assert path.read_bytes() == whole
+        assert names(tmp_path) == [path.name]
+
+
+def test_processes_give_what_one_gives(tmp_path):
+    dataset = shapes(train=20)
+    alone_, crew = (prepared(dataset, tmp_path / str(n), workers=n) for n in (1, 2))
+    assert alone_.read_bytes() == crew.read_bytes()
+
+
+SCRIPT = """
+import sys, time
+from pathlib import Path
+from activelsd.envs.modelnet import partial
+from activelsd.envs.modelnet.datasets import open_dataset
+from activelsd.envs.modelnet.prepare import prepare
+
+partial._FLUSH_SECONDS = float(sys.argv[2])
+
+def progress(done, total):
+    print(done, flush=True)
+    time.sleep(0.02)
+
+prepare(
+    open_dataset(None, train_per_class=30, test_per_class=2, classes=["cup", "vase"]),
+    size=32, elevations=[30.0], cache=Path(sys.argv[1]), workers=2, progress=progress,
+)
+"""
+
+
+@pytest.fixture
+def script(tmp_path):
+    """A program without a main guard, as users write them."""
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT)
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    return lambda cache, flush: subprocess.Popen(
+        [sys.executable, path, cache, str(flush)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=env,
+    )
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_what_is_interrupted_goes_on(end, script, tmp_path):
+    cache = tmp_path / "cache"
+    flush = (
+        60 if end == signal.SIGINT else 0
+    )  # only Ctrl-C lets it mark what it has done since the last flush
+    counts = []
+    for stop_at in (9, None):
+        with script(cache, flush) as process:
+            for line in process.stdout:
+                counts.append(int(line))
+                if stop_at and counts[-1] >= stop_at:
+                    process.send_signal(end)
+                    break
+            _, errors = process.communicate(timeout=60)
+        if stop_at:
+            assert process.returncode == -end, errors
+            assert errors.count("Traceback") == (end == signal.SIGINT)  # its own, not that of every process
+            kept = [name for name in names(cache) if not name.endswith(".lock")]
+            assert len(kept) == 1
+            assert kept[0].endswith(".h5.partial")
+            counts.clear()
+        else:
+            assert process.returncode == 0, errors
+            assert errors == ""
+    assert counts[0] >= 8
+    (file,) = cache.iterdir()
+    assert file.read_bytes() == prepared(shapes(train=30), tmp_path / "whole").read_bytes()
+
+
+def test_an_interruption_before_anything_is_done_leaves_nothing(tmp_path):
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        prepared(shapes(), tmp_path, progress=interrupt)
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("at", [0, 30])
+def test_a_broken_mesh_ends_it_by_name_and_leaves_nothing(tmp_path, at):
+    root = tmp_path / "net"
+    for i in range(40):
+        path = root / f"cup/{'test' if i < 5 else 'train'}/cup_{i:02d}.off"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"OFF4 2 0\n0 0 0\n1 0 {i}\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n")
+    broken = sorted(root.glob("cup/*/*.off"))[at]
+    broken.write_text("OFF4 2 0\n0 0 0\n1 0")
+    for n in (1, 2):
+        with pytest.raises(DataError, match=rf"{broken.name} ends after 1 of 4 vertices"):
+            prepared(open_dataset(root), tmp_path / "cache", workers=n)
+        assert names(tmp_path / "cache") == []
+
+
+def test_a_process_that_dies_is_told_and_what_is_done_is_kept(tmp_path, monkeypatch):
+    started, start = [], workers._start
+    monkeypatch.setattr(workers, "_start", lambda: started.append(start()) or started[-1])
+
+    def kill(done, total):
+        if done == 5:
+            started[0].kill()
+
+    dataset = shapes(train=20)
+    with pytest.raises(ActiveLSDError, match=r"The process that rendered .* ended by itself \(code -9\)"):
+        prepared(dataset, tmp_path, workers=2, progress=kill)
+    assert all(process.returncode is not None for process in started)
+    seen = []
+    path = prepared(dataset, tmp_path, workers=2, progress=lambda done, _: seen.append(done))
+    assert seen[0] >= 5
+    assert path.read_bytes() == prepared(dataset, tmp_path / "b").read_bytes()
+
+
+def test_a_second_process_at_the_same_cache_is_refused(tmp_path):
+    path = prepared(shapes(), tmp_path / "a")
+    (tmp_path / "b").mkdir()
+    with alone(tmp_path / "b" / path.name):
+        with pytest.raises(DataError, match=r"Another process is preparing .*; wait until it is done\."):
+            prepared(shapes(), tmp_path / "b")
+        prepared(shapes(train=2), tmp_path / "b")
+    assert prepared(shapes(), tmp_path / "b").read_bytes() == path.read_bytes()
+    assert not list(tmp_path.rglob("*.lock"))
+
+
+def test_views_rendered_by_others(tmp_path):
+    for folder in ("train", "test"):
+        (tmp_path / "net/cup" / folder).mkdir(parents=True)
+        for i in range(12):
+            picture = np.full((48, 48), 20 * i, np.uint8)
+            cv2.imwrite(str(tmp_path / f"net/cup/{folder}/cup_{folder}_{i + 1:03d}.png"), picture)
+    dataset = open_dataset(tmp_path / "net")
+    graph = load_graph(prepared(dataset, tmp_path / "cache", workers=2))
+    assert graph.frames[:12].mean((1, 2)).tolist() == [20 * i for i in range(12)]
+    assert graph.view_names[11] == "e30_a330"
+    with pytest.raises(DataError, match=r"pictures of a single ring of views, so elevations \[0, 30\]"):
+        prepared(dataset, tmp_path / "cache", elevations=[0, 30])
+
+
+@pytest.mark.parametrize(
+    "options", [{"size": 0}, {"elevations": []}, {"elevations": [5, 5]}, {"elevations": [91]}]
+)
+def test_settings_that_cannot_be(options, tmp_path):
+    with pytest.raises(ConfigError, match="cannot be"):
+        prepared(shapes(), tmp_path / "cache", **options)
+    assert not (tmp_path / "cache").exists()
+
+
+def test_a_cache_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(
+        DataError, match=r"The cache .*/file cannot be written \(.*\); make room there or choose"
+    ):
+        prepared(shapes(), tmp_path / "file")
+
+
+def test_a_disk_that_fills_up_keeps_what_is_done(tmp_path, monkeypatch):
+    put, written = PartialGraph._write_all, []
+
+    def full(self, data):
+        written.append(len(data))
+        if len(written) > 4:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        put(self, data)
+
+    monkeypatch.setattr(PartialGraph, "_write_all", full)
+    monkeypatch.setattr(partial, "_FLUSH_SECONDS", 0.0)
+    with pytest.raises(DataError, match=r"cannot be written .No space left on device.; make room"):
+        prepared(shapes(), tmp_path)
+    monkeypatch.undo()
+    assert [name.rpartition(".")[2] for name in names(tmp_path)] == ["partial"]
+    seen = []
+    prepared(shapes(), tmp_path, progress=lambda done, _: seen.append(done))
+    assert seen[0] == 2
+
+
+def test_a_change_of_code_or_data_is_another_file(tmp_path, monkeypatch):
+    dataset = shapes(train=2, test=1)
+    path = prepared(dataset, tmp_path)
+    assert read_key(path)["dataset"] == dict(dataset.key)
+    monkeypatch.setattr(type(dataset.source), "code", ("renderer.py",))
+    assert prepared(dataset, tmp_path) != path
+    monkeypatch.undo()
+    assert prepared(replace(dataset, key={**dataset.key, "digest": "other"}), tmp_path) != path
+    assert prepared(dataset, tmp_path) == path
+
+
+def test_processes_start_light():
+    code = "import sys, activelsd.envs.modelnet.workers as w; print(*sys.modules)"
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=True)
+    assert not {"torch", "cv2", "trimesh", "matplotlib"} & set(loaded.stdout.split())

@@ -1,0 +1,134 @@
+"""Figures by hand and by slow loops, and intervals that hold what they promise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from activelsd.evaluate import metrics
+from activelsd.evaluate.metrics import (
+    Group,
+    by_allowed,
+    by_class,
+    by_views,
+    gain_closed,
+    intervals,
+    resampled_means,
+    score,
+)
+from tests.evaluate.worlds import row
+
+ROWS = [
+    row(views=1, answers=("cup",), path=("a0",)),
+    row(views=3, answers=("cup", "door", "cup"), path=("a0", "a1", "a2")),
+    row(target="door/01", label="door", answer="cup", right=False, answers=("door", "cup")),
+    row(target="door/01", label="door", answer="door", views=1, answers=("door",)),
+]
+
+
+def test_a_wrong_answer_counts_all_views() -> None:
+    scores = score(ROWS, 12)
+    assert scores.right.tolist() == [True, True, False, True]
+    assert scores.views.tolist() == [1, 3, 2, 1]
+    assert scores.steps.tolist() == [1, 3, 12, 1]
+    assert scores.objects.tolist() == [0, 0, 1, 1]
+    assert scores.values.mean(0).tolist() == [0.75, 1.75, 4.25]
+
+
+def test_groups_by_hand() -> None:
+    assert by_class(ROWS) == [Group("cup", 2, 2, 2.0), Group("door", 2, 1, 1.5)]
+    assert by_views(ROWS, 4) == [
+        Group("1", 2, 2, 1.0),
+        Group("2", 1, 0, 2.0),
+        Group("3", 1, 1, 3.0),
+        Group("4", 0, 0, 0.0),
+    ]
+    assert by_allowed(ROWS, 4) == [
+        Group("1", 4, 4, 1.0),
+        Group("2", 4, 2, 1.5),
+        Group("3", 4, 3, 1.75),
+        Group("4", 4, 3, 1.75),
+    ]
+
+
+def data(objects: int = 7, most: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """Objects with unlike numbers of episodes, whose episodes are alike."""
+    rng = np.random.default_rng(2)
+    number = np.repeat(np.arange(objects), rng.integers(1, most, objects))
+    values = rng.normal(size=(objects, 2))[number] + 0.3 * rng.normal(size=(len(number), 2))
+    return values, rng.permutation(number)
+
+
+def test_resampling_by_repeating_objects_one_by_one() -> None:
+    values, objects = data()
+    fast = resampled_means(values, objects, seed=4, resamples=50)
+    rng = np.random.default_rng(4)
+    for means in fast:
+        times = rng.multinomial(7, np.full(7, 1 / 7))
+        episodes = [values[objects == o] for o in range(7) for _ in range(times[o])]
+        assert means == pytest.approx(np.concatenate(episodes).mean(0))
+
+
+def test_blocks_of_resamples_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    values, objects = data()
+    whole = resampled_means(values, objects, seed=4, resamples=50)
+    monkeypatch.setattr(metrics, "_BLOCK", 7 * 8 + 3)
+    assert np.array_equal(resampled_means(values, objects, seed=4, resamples=50), whole)
+
+
+def test_intervals_repeat_and_hold_the_mean() -> None:
+    values, objects = data()
+    first = intervals(values, objects, seed=0)
+    assert first == intervals(values, objects, seed=0)
+    assert first != intervals(values, objects, seed=1)
+    for mean, low, high in first:
+        assert low < mean < high
+    assert intervals(np.full((6, 1), 1 / 3), np.arange(6) // 2, seed=0) == [pytest.approx((1 / 3,) * 3)]
+
+
+def test_width_is_that_of_the_normal_approximation() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(400, 1))
+    mean, low, high = intervals(np.repeat(values, 12, 0), np.repeat(np.arange(400), 12), seed=0)[0]
+    error = 1.96 * values.std() / np.sqrt(400)
+    assert (mean - low, high - mean) == pytest.approx((error, error), rel=0.1)
+
+
+def test_intervals_cover_the_truth_though_episodes_of_an_object_are_alike() -> None:
+    """Counting episodes as independent, as is often done, covers far less than 95 %."""
+    rng, truth, covered, naive = np.random.default_rng(11), 0.7, 0, 0
+    objects = np.repeat(np.arange(40), 12)
+    for trial in range(300):
+        easy = rng.beta(1.4, 0.6, 40)  # mean 0.7
+        right = (rng.random(480) < easy[objects]).astype(float)[:, None]
+        for clusters, add in ((objects, True), (np.arange(480), False)):
+            _, low, high = intervals(right, clusters, seed=trial, resamples=300)[0]
+            covered += add and low <= truth <= high
+            naive += not add and low <= truth <= high
+    assert 0.90 <= covered / 300 <= 0.98
+    assert naive / 300 < 0.75
+
+
+def test_paired_differences_are_narrower_and_none_is_none() -> None:
+    rng = np.random.default_rng(3)
+    objects = np.repeat(np.arange(50), 4)
+    one = (rng.random(200) < rng.beta(1, 1, 50)[objects]).astype(float)
+    other = np.where(rng.random(200) < 0.05, 1.0, one)
+    apart = intervals(np.stack([one, other, other - one], 1), objects, seed=0)
+    widths = [high - low for _, low, high in apart]
+    assert widths[2] < 0.5 * min(widths[:2])
+    assert apart[2].mean == pytest.approx(apart[1].mean - apart[0].mean)
+    assert apart[2].low > 0
+    assert intervals((one - one)[:, None], objects, seed=0) == [(0.0, 0.0, 0.0)]
+
+
+def test_gain_closed() -> None:
+    objects = np.arange(100)
+    floor, ceiling = objects < 50, objects < 90
+    closed = gain_closed(objects < 80, floor, ceiling, objects, seed=0)
+    assert closed is not None
+    assert closed.mean == pytest.approx(0.75)
+    assert 0.5 < closed.low < 0.75 < closed.high < 1
+    assert gain_closed(ceiling, floor, ceiling, objects, seed=0) == pytest.approx((1.0, 1.0, 1.0))
+    assert gain_closed(ceiling, floor, objects < 51, objects, seed=0) is None
+    assert gain_closed(ceiling, ceiling, floor, objects, seed=0) is None

@@ -1,0 +1,155 @@
+"""The command line: what it answers, to whom, and with which exit code."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+from activelsd import cli
+from activelsd.errors import TrainingError
+
+HEAVY = {"torch", "cv2", "trimesh", "gymnasium", "matplotlib", "numpy", "pydantic", "h5py"}
+
+
+def test_help_is_quick_and_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; from activelsd.cli import main\n"
+        "try: main(['--help'])\n"
+        f"finally: print('HEAVY', sorted({HEAVY!r} & set(sys.modules)))"
+    )
+    began = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    took = time.monotonic() - began
+    assert "compare" in done.stdout
+    assert "HEAVY []" in done.stdout
+    assert took < 2.0  # 0.1 s on an idle machine
+
+
+def test_exit_codes_of_the_process() -> None:
+    command = [sys.executable, "-m", "activelsd"]
+    wrong = subprocess.run([*command, "train", "env=modlnet"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 2
+    assert wrong.stderr == "activelsd: There is no env preset 'modlnet'; did you mean modelnet?\n"
+    assert wrong.stdout == ""
+    # A reader that has gone is no reason for a traceback.
+    piped = subprocess.Popen(
+        [*command, "train", "env=modelnet", "--dry-run"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert piped.stdout is not None
+    assert piped.stderr is not None
+    piped.stdout.close()
+    assert piped.stderr.read() == b""
+    assert piped.wait() == cli.BROKEN_PIPE
+    piped.stderr.close()
+
+
+@pytest.mark.parametrize(
+    ("argv", "sentence"),
+    [
+        ("trian env=modelnet", "There is no verb 'trian'; did you mean train?"),
+        ("xyz", "There is no verb 'xyz'; there are train, "),
+        (
+            "train env=modelnet --resum x",
+            "--resum is not an option of activelsd train; did you mean --resume?",
+        ),
+        ("train env=modelnet --dry", "--dry is not an option of activelsd train; did you mean --dry-run?"),
+        ("train env=modelnet train.gama=1", "train.gama is not a setting; did you mean train.gamma?"),
+        ("train --resume", "argument --resume: expected one argument; see activelsd --help."),
+        ("train --resume nowhere", "nowhere is not a run: "),
+        ("train --resume a --sweep seed=1,2", "--resume goes on with one run and --sweep begins several"),
+        ("prepare", "No world is named; add env=modelnet"),
+        (
+            "prepare env=modelnet env.navigate=orbit_cww",
+            "The ModelNet world has no move 'orbit_cww'; did you",
+        ),
+        ("prepare env=modelnet env.navigate=orbit_up", "'orbit_up' needs more than one elevation"),
+        ("train env=modelnet env.dataset.path=/nowhere/at/all", ""),
+        (
+            "compare --baselines random_walk",
+            "There is no run in ./runs; train one with: activelsd train env=modelnet",
+        ),
+        ("compare --baselines randm_walk", ""),
+        ("evaluate", "There is no run in ./runs; train one with: activelsd train env=modelnet"),
+        ("evaluate nowhere", "nowhere is not a run: "),
+        ("envs all", "activelsd envs takes no words, and was given 'all'."),
+    ],
+)
+def test_users_mistakes_are_one_sentence_and_exit_code_2(
+    argv: str,
+    sentence: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(argv.split()) == 2
+    out, err = capsys.readouterr()
+    assert err.startswith(f"activelsd: {sentence}")
+    assert err.count("\n") == 1
+    assert out == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_dry_run_prints_the_resolved_config_and_does_nothing(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert (
+        cli.main(["train", "experiment=demo", "--sweep", "seed=0,1,2", "train.gamma=0.9", "--dry-run"]) == 0
+    )
+    configs = list(yaml.safe_load_all(capsys.readouterr().out))
+    assert [config["seed"] for config in configs] == [0, 1, 2]
+    assert {config["train"]["gamma"] for config in configs} == {0.9}
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (TrainingError("The loss is gone."), 1, "activelsd: The loss is gone.\n"),
+        (KeyboardInterrupt(), 130, "Stopped"),
+    ],
+)
+def test_failures_and_interrupts(
+    error: BaseException,
+    code: int,
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*_: object) -> int:
+        raise error
+
+    monkeypatch.setitem(cli.VERBS, "doctor", cli.VERBS["doctor"]._replace(run=fail))
+    assert cli.main(["doctor"]) == code
+    assert said in capsys.readouterr().err
+
+
+def test_own_bugs_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> int:
+        raise ZeroDivisionError
+
+    monkeypatch.setitem(cli.VERBS, "doctor", cli.VERBS["doctor"]._replace(run=fail))
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["doctor"])
+
+
+def test_envs_and_doctor_report(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["envs"]) == 0
+    listed = capsys.readouterr().out
+    assert "activelsd/ModelNet-v0" in listed
+    assert "orbit_cw" in listed
+    assert cli.main(["doctor"]) in (0, 1)
+    report = capsys.readouterr().out
+    for what in ("python", "cores", "device", "cache", "newest run"):
+        assert what in report
+    assert "none in ./runs" in report
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,255 @@
+"""Settings: their layers, their types, and what is said of wrong ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import Field, ValidationError
+
+from activelsd import config as schema
+from activelsd.compose import change, load, resolve, sweep
+from activelsd.config import ModelNetSettings, RunConfig, Section, dump, worlds
+from activelsd.errors import ConfigError
+from activelsd.presets import groups
+
+ALL_PRESETS = [(group, name) for group, names in groups().items() for name in names]
+
+
+class HomeSettings(Section):
+    """A second world, for the tests of what a union of worlds does."""
+
+    name: Literal["home"] = "home"
+    scan: str = "Home_001_1"
+    size: int = Field(84, ge=32)
+
+
+class TwoWorlds(RunConfig):
+    env: Annotated[ModelNetSettings | HomeSettings, Field(discriminator="name")]  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize(("group", "name"), ALL_PRESETS)
+def test_every_preset_composes(group: str, name: str) -> None:
+    world = [] if group in ("env", "experiment") else ["env=modelnet"]
+    config = resolve([*world, f"{group}={name}"])
+    assert isinstance(config, RunConfig)
+    if group == "experiment":
+        assert config.name == name
+
+
+def test_paper_experiment_keeps_the_papers_values() -> None:
+    config = resolve(["experiment=paper"])
+    assert config.env.size == 224
+    assert config.env.navigate == ("orbit_cw", "orbit_ccw")
+    assert config.env.rules.preset == "V0"
+    assert config.env.dataset.split == "lsdnet"
+    policy, train = config.policy, config.train
+    assert (policy.trunk, policy.memory, policy.frames, policy.head) == ("alexnet", "stack", 3, "tree")
+    assert (train.gamma, train.length, train.reward_clip, train.clip_norm) == (0.5, 10, 1.0, None)
+    assert (train.optimiser, train.learning_rate, train.optimiser_epsilon) == ("rmsprop", 3e-4, 0.1)
+    assert train.supervised == 0
+    assert train.entropy_leaf.start == train.entropy_leaf.end == 0.01
+
+
+def test_last_layer_wins(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("env: modelnet\ntrain: paper\ntrain.gamma: 0.7\npolicy:\n  features: 64\n")
+    config = resolve([f"experiment={file}", "train.length=2"])
+    assert config.name == "mine"
+    assert config.train.learning_rate == 3e-4  # the preset
+    assert config.train.gamma == 0.7  # the experiment, over the preset
+    assert config.train.length == 2  # the command line, over the preset
+    assert config.policy.features == 64
+    assert config.policy.memory == "pool"  # the schema
+
+
+def test_preset_on_the_command_line_replaces_the_experiments() -> None:
+    config = resolve(["train=default", "experiment=paper", "train.gamma=0.9", "train.gamma=0.8"])
+    assert config.train.learning_rate == resolve(["env=modelnet"]).train.learning_rate
+    assert config.train.gamma == 0.8
+    assert config.policy.trunk == "alexnet"
+
+
+@pytest.mark.parametrize(
+    ("word", "key", "value"),
+    [
+        ("train.learning_rate=3e-4", "train.learning_rate", 3e-4),
+        ("train.steps=2e6", "train.steps", 2_000_000),
+        ("train.steps=900_000", "train.steps", 900_000),
+        ("train.clip_norm=null", "train.clip_norm", None),
+        ("train.decay=no", "train.decay", False),
+        ("train.epsilon_branch.start=0.5", "train.epsilon_branch.start", 0.5),
+        ("env.navigate=orbit_cw,orbit_ccw", "env.navigate", ("orbit_cw", "orbit_ccw")),
+        ("env.navigate=[orbit_cw]", "env.navigate", ("orbit_cw",)),
+        ("env.elevations=[0, 30]", "env.elevations", (0.0, 30.0)),
+        ("env.dataset.classes=[bed,sofa]", "env.dataset.classes", ("bed", "sofa")),
+        ("env.dataset.classes=null", "env.dataset.classes", None),
+        ("env.dataset.path=/a/b=c", "env.dataset.path", Path("/a/b=c")),
+        ("train.loggers=[]", "train.loggers", []),
+        ("name=012", "name", "012"),
+    ],
+)
+def test_values_are_converted_by_their_fields_type(word: str, key: str, value: object) -> None:
+    found: object = resolve(["env=modelnet", word])
+    for part in key.split("."):
+        found = getattr(found, part)
+    assert found == value
+    assert type(found) is type(value) or isinstance(found, Path)
+
+
+def test_other_half_of_a_nested_default_stays() -> None:
+    before = resolve(["env=modelnet"]).train.epsilon_branch
+    after = resolve(["env=modelnet", "train.epsilon_branch.start=0.5"]).train.epsilon_branch
+    assert (after.start, after.end) == (0.5, before.end)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("train.learning_rat=1", "train.learning_rat is not a setting; did you mean train.learning_rate?"),
+        ("polcy=paper", "polcy is not a setting; did you mean policy?"),
+        ("gamma=0.9", "gamma is not a setting; did you mean train.gamma?"),
+        ("env.gamma=0.9", "env.gamma is not a setting; did you mean train.gamma?"),
+        ("polcy.memory=lstm", "polcy.memory is not a setting; did you mean policy.memory?"),
+        (
+            "train.epsilon_brnch.start=1",
+            "train.epsilon_brnch.start is not a setting; did you mean train.epsilon_branch.start?",
+        ),
+        ("zzz=1", "zzz is not a setting; --dry-run lists all there are."),
+        ("policy=pper", "There is no policy preset 'pper'; did you mean paper?"),
+        ("policy=zzz", "There is no policy preset 'zzz'; there are default, paper, paper_lstm."),
+        ("experiment=dem", "There is no experiment preset 'dem'; did you mean demo?"),
+        ("experiment=none.yaml", "none.yaml cannot be read (No such file or directory); name another file."),
+        ("train.learning_rate=abc", "train.learning_rate=abc: must be a number."),
+        ("train.learning_rate=0", "train.learning_rate=0: must be greater than 0."),
+        ("train.steps=1.5", "train.steps=1.5: must be a whole number."),
+        ("train.decay=maybe", "train.decay=maybe: must be true or false."),
+        ("train.clip_norm=x", "train.clip_norm=x: must be a number, or null."),
+        ("train.epsilon_leaf.start=2", "train.epsilon_leaf.start=2: must be at most 1."),
+        (
+            "train.epsilon_leaf=2",
+            "train.epsilon_leaf is a group of settings; set one of train.epsilon_leaf.start,",
+        ),
+        ("env.size=12", "env.size=12: must be at least 32."),
+        ("env.navigate=[a", "env.navigate=[a: must be a list, as in [a,b]."),
+        ("env.elevations=x", "env.elevations=x: must be a number."),
+        ("env.navigate=[]", "env.navigate=[]: must be a list of at least 1."),
+        ("policy.memory=pol", "policy.memory=pol: must be 'stack', 'lstm' or 'pool'; did you mean pool?"),
+        ("name=a/b", "name=a/b: must be letters, digits and . _ + - only, or null."),
+        ("policy=paper env.size=32", "policy.trunk=alexnet needs env.size of at least 63 pixels, not 32."),
+        ("env.name=moon", "There is no world 'moon'; there are modelnet."),
+        ("word", "'word' is not a setting; write key=value, as in env=modelnet or seed=1."),
+    ],
+)
+def test_wrong_words_get_one_sentence_with_the_way_out(words: str, sentence: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        resolve(["env=modelnet", *words.split()])
+    assert str(error.value).startswith(sentence)
+
+
+def test_a_world_is_needed() -> None:
+    with pytest.raises(ConfigError, match=r"No world is named; add env=modelnet"):
+        resolve(["seed=1"])
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (
+            "env: modelnet\ntrain.gama: 1",
+            "train.gama is not a setting (in {file}); did you mean train.gamma?",
+        ),
+        ("env: modelnet\ntrain: {gamma: x}", "train.gamma=x (in {file}): must be a number."),
+        ("env: mars", "There is no env preset 'mars' (in {file}); there are modelnet."),
+        ("- a\n- b", "{file} holds no settings; write one `key: value` a line."),
+        ("a: [", "{file} is not YAML: while parsing"),
+    ],
+)
+def test_wrong_files_are_named(tmp_path: Path, text: str, sentence: str) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as error:
+        resolve([f"experiment={file}"])
+    assert str(error.value).startswith(sentence.format(file=file))
+
+
+def test_key_of_another_world_says_which() -> None:
+    assert set(worlds(TwoWorlds)) == {"modelnet", "home"}
+    assert resolve(["env.name=home", "env.size=96"], TwoWorlds).env.size == 96
+    with pytest.raises(
+        ConfigError, match=r"^env\.scan is a setting of the world home, and this run's world is"
+    ):
+        resolve(["env=modelnet", "env.scan=x"], TwoWorlds)
+    with pytest.raises(ConfigError, match=r"^env\.size=x: must be a whole number\.$"):
+        resolve(["env.name=home", "env.size=x"], TwoWorlds)
+
+
+def test_sweep_is_the_cross_product_and_names_its_runs() -> None:
+    configs = sweep(["experiment=demo"], ["seed=0,1", "env.navigate=[orbit_cw],[orbit_cw,orbit_ccw]"])
+    assert [(c.seed, len(c.env.navigate)) for c in configs] == [(0, 1), (0, 2), (1, 1), (1, 2)]
+    assert configs[3].name == "demo-seed-1-navigate-orbit_cw-orbit_ccw"
+    assert [c.name for c in sweep(["experiment=demo"], [])] == ["demo"]
+    assert all(resolve(["env=modelnet", f"name={c.name}"]) for c in configs)
+    with pytest.raises(ConfigError, match="did you mean seed"):
+        sweep(["experiment=demo"], ["sed=0,1"])
+
+
+def test_dump_is_yaml_that_loads_back(tmp_path: Path) -> None:
+    file = tmp_path / "config.yaml"
+    words = ["experiment=paper", "env.dataset.classes=['null','012',yes]", "train.learning_rate=1e-7"]
+    config = resolve(words)
+    assert config.env.dataset.classes == ("null", "012", "yes")
+    file.write_text(dump(config))
+    assert load(file) == config
+    assert resolve([f"experiment={file}"]) == config
+    assert yaml.safe_load(dump(config))["train"]["gamma"] == 0.5
+
+
+@settings(max_examples=30)
+@given(
+    rate=st.floats(1e-12, 1e3),
+    gamma=st.floats(0, 1),
+    classes=st.none()
+    | st.lists(st.text(st.characters(codec="utf-8", exclude_categories=["C"]), min_size=1), min_size=2),
+)
+def test_any_config_survives_its_file(
+    tmp_path_factory: pytest.TempPathFactory, rate: float, gamma: float, classes: list[str] | None
+) -> None:
+    base = resolve(["env=modelnet"]).model_dump()
+    base["train"] |= {"learning_rate": rate, "gamma": gamma}
+    base["env"]["dataset"]["classes"] = classes
+    config = RunConfig.model_validate(base)
+    file = tmp_path_factory.getbasetemp() / "any.yaml"
+    file.write_text(dump(config))
+    assert load(file) == config
+
+
+def test_change_leaves_the_rest_and_guards_what_is_fixed() -> None:
+    config = resolve(["experiment=paper", "seed=3"])
+    changed = change(config, ["evaluate.split=val"], ("evaluate", "device"), "a run stays as it is")
+    assert changed == config.model_copy(update={"evaluate": changed.evaluate})
+    assert changed.evaluate.split == "val"
+    with pytest.raises(
+        ConfigError, match=r"^policy\.memory cannot be changed here, a run stays as it is; what can"
+    ):
+        change(config, ["policy.memory=lstm"], ("evaluate", "device"), "a run stays as it is")
+    with pytest.raises(ConfigError, match=r"did you mean evaluate\.split"):
+        change(config, ["evaluate.splt=val"], ("evaluate",), "a run stays as it is")
+
+
+def test_config_is_frozen_and_every_setting_is_described() -> None:
+    config = resolve(["env=modelnet"])
+    with pytest.raises(ValidationError):
+        config.seed = 1  # type: ignore[misc]
+    assert all(field.description for field in schema.settings(RunConfig, "modelnet").values())
+
+
+def test_relative_paths_keep_their_meaning(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", "/home/someone")
+    assert resolve(["env=modelnet", "env.dataset.path=meshes"]).env.dataset.path == tmp_path / "meshes"
+    assert resolve(["env=modelnet", "env.cache=~/c"]).env.cache == Path("/home/someone/c")

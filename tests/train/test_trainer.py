@@ -1,0 +1,189 @@
+"""The training loop with everything in it: it repeats, resumes to the bit, survives signals, and learns."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from activelsd.envs.episode import PRESETS
+from activelsd.errors import RunError, TrainingError
+from activelsd.policy.checkpoint import load_network
+from activelsd.policy.lsdnet import NetworkShape
+from activelsd.train.run import Run
+from activelsd.train.settings import TrainSettings
+from activelsd.train.trainer import Trainer
+from tests.graphs import ring_graph
+
+
+def trainer(
+    run: Run, memory: str = "pool", *, resume: bool = False, seed: int = 5, **changed: Any
+) -> Trainer:
+    settings = {"steps": 960, "envs": 8, "length": 4, "log_every": 64, "checkpoint_every": 480, "loggers": []}
+    graph = ring_graph()
+    return Trainer(
+        run,
+        graph,
+        PRESETS["V4"],
+        NetworkShape(memory=memory, size=graph.size, features=32, frames=2 if memory == "stack" else 1),
+        TrainSettings(**(settings | changed)),  # type: ignore[arg-type]
+        seed=seed,
+        resume=resume,
+    )
+
+
+def new_run(root: Path, name: str = "test") -> Run:
+    return Run.create(root, name, "seed: 5\n")
+
+
+def weights(run: Run) -> dict[str, torch.Tensor]:
+    return load_network(run.checkpoint).state_dict()
+
+
+def assert_same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> None:
+    assert one.keys() == other.keys()
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_a_seed_repeats_a_run_and_another_does_not(tmp_path: Path) -> None:
+    runs = [new_run(tmp_path, name) for name in "abc"]
+    for run, seed in zip(runs, (5, 5, 6), strict=True):
+        trainer(run, seed=seed).train()
+    assert_same(weights(runs[0]), weights(runs[1]))
+    assert not torch.equal(weights(runs[0])["policy.weight"], weights(runs[2])["policy.weight"])
+
+
+@pytest.mark.parametrize("memory", ["stack", "lstm", "pool"])
+@pytest.mark.parametrize("optimiser", ["adam", "rmsprop"])
+def test_resume_goes_on_to_the_bit(tmp_path: Path, memory: str, optimiser: str) -> None:
+    whole, halved = new_run(tmp_path, "whole"), new_run(tmp_path, "halved")
+    trainer(whole, memory, optimiser=optimiser).train()
+    first = trainer(halved, memory, optimiser=optimiser)
+    while first.step < 480:
+        first._update(_Forgets())  # type: ignore[arg-type]
+    first.save()
+    trainer(halved, memory, optimiser=optimiser, resume=True).train()
+    assert_same(weights(whole), weights(halved))
+
+
+class _Forgets:
+    """Statistics that keep nothing."""
+
+    def add(self, *_: object) -> None:
+        """Take a rollout and drop it."""
+
+
+def test_metrics_are_rows_of_numbers_and_resuming_writes_no_row_twice(tmp_path: Path) -> None:
+    run = new_run(tmp_path)
+    trainer(run).train()
+    path = run.folder / "metrics.jsonl"
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    assert [row["step"] for row in rows] == sorted({row["step"] for row in rows})
+    for name in (
+        "reward",
+        "accuracy",
+        "views",
+        "navigate",
+        "steps_per_second",
+        "loss/total",
+        "policy_entropy_loss",
+    ):
+        assert all(isinstance(row[name], float) for row in rows)
+    # Rows of steps after the checkpoint, as a kill leaves them, are written again and not twice.
+    path.write_text(path.read_text() + '{"step": 99999, "reward": 1.0}\n{"step": 1000')
+    trainer(run, resume=True, steps=1920).train()
+    steps = [json.loads(line)["step"] for line in path.read_text().splitlines()]
+    assert steps == sorted(set(steps))
+    assert steps[-1] == 1920
+
+
+def test_old_checkpoints_go_and_a_half_written_one_is_not_read(tmp_path: Path) -> None:
+    run = new_run(tmp_path)
+    trainer(run, checkpoint_every=96).train()
+    assert [path.name for path in sorted((run.folder / "checkpoints").iterdir())] == [
+        "000000000864",
+        "000000000960",
+    ]
+    (run.folder / "checkpoints" / "000000001000.tmp").mkdir()
+    assert run.checkpoint.name == "000000000960"
+
+
+def test_truncated_checkpoint_is_one_sentence(tmp_path: Path) -> None:
+    run = new_run(tmp_path)
+    trainer(run).train()
+    file = run.checkpoint / "network.safetensors"
+    file.write_bytes(file.read_bytes()[:100])
+    with pytest.raises(RunError, match="cannot be read"):
+        load_network(run.checkpoint)
+    (run.checkpoint / "network.json").write_text("{")
+    with pytest.raises(RunError, match="not a network's description"):
+        load_network(run.checkpoint)
+
+
+def test_loss_that_is_not_finite_stops_the_run_with_advice(tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="learning_rate"):
+        trainer(new_run(tmp_path), learning_rate=1e20, clip_norm=None, decay=False).train()
+
+
+def test_newest_run_is_the_one_with_a_checkpoint(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="activelsd train"):
+        Run.newest(tmp_path)
+    done = new_run(tmp_path, "done")
+    trainer(done, steps=64).train()
+    os.utime(done.folder / "config.yaml", (1, 1))
+    new_run(tmp_path, "begun")
+    assert Run.newest(tmp_path).folder == done.folder
+
+
+def test_it_learns_to_look_before_it_answers(tmp_path: Path) -> None:
+    """A world whose class shows on 3 of 12 views: answering well means walking there first."""
+    graph = ring_graph(objects=12, classes=3, telling=(3, 4, 5))
+    run = new_run(tmp_path)
+    settings = TrainSettings(steps=60_000, envs=32, learning_rate=2e-3, log_every=5_000, loggers=[])
+    Trainer(run, graph, PRESETS["V4"], NetworkShape(size=graph.size, features=64), settings, seed=0).train()
+    last = json.loads((run.folder / "metrics.jsonl").read_text().splitlines()[-1])
+    assert last["accuracy"] > 0.9  # from the first view no more than 1/4 + 3/4 * 1/3 = 0.5
+    assert last["accuracy_at_first_view"] < 0.65
+    assert last["views"] > 2.0
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from tests.train.test_trainer import new_run, trainer
+run = new_run(Path(sys.argv[1]))
+print(run.folder, flush=True)
+trainer(run, steps=10**9, checkpoint_every=64).train()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_stopped_process_leaves_a_run_that_resumes(tmp_path: Path, number: signal.Signals) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert process.stdout is not None
+    run = Run(Path(process.stdout.readline().strip()))
+    deadline = time.monotonic() + 60
+    while not (run.folder / "checkpoints").exists() or not run._finished():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(number)
+    process.wait(30)
+    process.stdout.close()
+    step = int(run.checkpoint.name)
+    resumed = trainer(run, resume=True, steps=step + 64)
+    assert resumed.step == step
+    resumed.train()
+    assert int(run.checkpoint.name) == step + 64
