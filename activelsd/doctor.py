@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import torch
 
-from activelsd.envs.modelnet.env import default_cache
+from activelsd.envs.cache import default_cache
 from activelsd.errors import RunError
 from activelsd.train.run import Run
 

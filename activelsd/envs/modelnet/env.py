@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from activelsd.envs.cache import default_cache
 from activelsd.envs.episode import PRESETS, EpisodeRules
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.modelnet.datasets import open_dataset
@@ -17,13 +17,6 @@ from activelsd.envs.viewgraph import ViewGraph, load_graph
 
 NAVIGATE = ("orbit_cw", "orbit_ccw")
 """The paper's moves."""
-
-
-def default_cache() -> Path:
-    """Where rendered views are kept: $ACTIVELSD_CACHE, or `activelsd` in the user's cache folder."""
-    if "ACTIVELSD_CACHE" in os.environ:
-        return Path(os.environ["ACTIVELSD_CACHE"])
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "activelsd"
 
 
 def modelnet_graph(

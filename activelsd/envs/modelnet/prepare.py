@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from activelsd.envs.cache import CacheError, PartialGraph, alone, writing
 from activelsd.envs.modelnet.datasets import Dataset
-from activelsd.envs.modelnet.partial import CacheError, PartialGraph, alone, writing
 from activelsd.envs.modelnet.sources import AZIMUTHS, PictureFiles, Source
 from activelsd.envs.modelnet.workers import rendered
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, read_key

@@ -13,9 +13,10 @@ import cv2
 import numpy as np
 import pytest
 
-from activelsd.envs.modelnet import partial, workers
+from activelsd.envs import cache
+from activelsd.envs.cache import PartialGraph, alone
+from activelsd.envs.modelnet import workers
 from activelsd.envs.modelnet.datasets import open_dataset
-from activelsd.envs.modelnet.partial import PartialGraph, alone
 from activelsd.envs.modelnet.prepare import prepare
 from activelsd.envs.viewgraph import SPLITS, load_graph, read_key
 from activelsd.errors import ActiveLSDError, ConfigError, DataError
@@ -91,11 +92,11 @@ def test_processes_give_what_one_gives(tmp_path):
 SCRIPT = """
 import sys, time
 from pathlib import Path
-from activelsd.envs.modelnet import partial
+from activelsd.envs import cache
 from activelsd.envs.modelnet.datasets import open_dataset
 from activelsd.envs.modelnet.prepare import prepare
 
-partial._FLUSH_SECONDS = float(sys.argv[2])
+cache._FLUSH_SECONDS = float(sys.argv[2])
 
 def progress(done, total):
     print(done, flush=True)
@@ -247,7 +248,7 @@ def test_a_disk_that_fills_up_keeps_what_is_done(tmp_path, monkeypatch):
         put(self, data)
 
     monkeypatch.setattr(PartialGraph, "_write_all", full)
-    monkeypatch.setattr(partial, "_FLUSH_SECONDS", 0.0)
+    monkeypatch.setattr(cache, "_FLUSH_SECONDS", 0.0)
     with pytest.raises(DataError, match=r"cannot be written .No space left on device.; make room"):
         prepared(shapes(), tmp_path)
     monkeypatch.undo()

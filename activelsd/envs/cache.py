@@ -27,6 +27,13 @@ _KEY = "partial_key"
 _FLUSH_SECONDS = 2.0
 
 
+def default_cache() -> Path:
+    """Where rendered views are kept: $ACTIVELSD_CACHE, or `activelsd` in the user's cache folder."""
+    if "ACTIVELSD_CACHE" in os.environ:
+        return Path(os.environ["ACTIVELSD_CACHE"])
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "activelsd"
+
+
 class CacheError(DataError):
     """Raised when the cache cannot be written: what is wrong is not the data."""
 
