@@ -197,8 +197,9 @@ def _show(comparison: Comparison, files: list[Path]) -> int:
         console.print(render(comparison, console.width))
     else:
         print(text(comparison), end="")
-    for file in files:
-        print(file)
+    *data, picture = files
+    print(f"Figures and episodes: {', '.join(file.name for file in data)} in {picture.parent}")
+    print(f"Picture of episodes:  {picture}")
     return 0
 
 

@@ -112,6 +112,12 @@ def _validate(layers: Mapping[str, Setting], schema: type[RunConfig]) -> RunConf
     by_world = worlds(schema)
     asked = layers.get("env.name")
     if asked is None:
+        # A misspelled `env` is the likelier mistake where there is a word that means nothing.
+        for key, setting in layers.items():
+            top = key.partition(".")[0]
+            if top not in schema.model_fields:
+                hint = did_you_mean(top, schema.model_fields, f"add env={next(iter(by_world))}.")
+                raise ConfigError(f"{key} is not a setting{setting.place}; {hint}")
         one = next(iter(by_world))
         raise ConfigError(f"No world is named; add env={one} (there are {', '.join(by_world)}).")
     world = str(asked.value)

@@ -30,8 +30,12 @@ def test_compare_takes_the_newest_run_and_leaves_all_files(
     assert cli.main(["compare", "--baselines", "random_walk,no_move"]) == 0
     said = capsys.readouterr().out
     assert "48 episodes: 4 test objects, every start of each." in said
-    names = ["comparison.json", "comparison.csv", "episodes.jsonl", "comparison.png"]
-    assert said.splitlines()[-4:] == [f"{run}/{name}" for name in names]
+    assert said.splitlines()[-2:] == [
+        f"Figures and episodes: comparison.json, comparison.csv, episodes.jsonl in {run}",
+        f"Picture of episodes:  {run}/comparison.png",
+    ]
+    assert (run / "comparison.png").read_bytes().startswith(b"\x89PNG")
+    assert (run / "comparison.csv").exists()
     read = json.loads((run / "comparison.json").read_text())
     assert [one["name"] for one in read["players"]] == ["trained", "random_walk", "no_move"]
     assert [one["name"] for one in read["paired"]] == ["random_walk", "no_move"]

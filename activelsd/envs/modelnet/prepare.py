@@ -8,7 +8,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -71,9 +71,14 @@ def prepare(
         return path
     with writing(cache):
         cache.mkdir(parents=True, exist_ok=True)
-    with alone(path):
-        if read_key(path) != key:
-            _fill(dataset, size, levels, path, key, workers, progress)
+    try:
+        with alone(path):
+            if read_key(path) != key:
+                _fill(dataset, size, levels, path, key, workers, progress)
+    except DataError:
+        with suppress(OSError):  # nothing stays behind, unless there is something in it
+            cache.rmdir()
+        raise
     return path
 
 

@@ -175,7 +175,7 @@ def test_a_broken_mesh_ends_it_by_name_and_leaves_nothing(tmp_path, at):
     for n in (1, 2):
         with pytest.raises(DataError, match=rf"{broken.name} ends after 1 of 4 vertices"):
             prepared(open_dataset(root), tmp_path / "cache", workers=n)
-        assert names(tmp_path / "cache") == []
+        assert not (tmp_path / "cache").exists()
 
 
 def test_a_process_that_dies_is_told_and_what_is_done_is_kept(tmp_path, monkeypatch):

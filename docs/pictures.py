@@ -1,0 +1,74 @@
+"""Makes the pictures of these pages.
+
+python docs/pictures.py shapes                    the embedded shapes, six views each
+python docs/pictures.py curves RUN [RUN ...]      what runs did while they learned
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from activelsd.envs.modelnet.env import modelnet_graph
+
+HERE = Path(__file__).parent / "pictures"
+CURVES = {
+    "accuracy": "accuracy of answers given",
+    "accuracy_at_first_view": "accuracy at the first view",
+    "views": "views seen when answering",
+    "navigate": "probability of navigating",
+    "policy_entropy_loss": "-log max π (the paper's Figure 3)",
+    "val/accuracy": "accuracy on validation objects, greedy",
+}
+
+
+def shapes() -> Figure:
+    """A row of two objects a class, each from three sides."""
+    graph = modelnet_graph()
+    figure = Figure(figsize=(11, 8.4), dpi=90)
+    grid = figure.subplots(8, 2, gridspec_kw={"wspace": 0.02, "hspace": 0.28})
+    for axes, category in zip(grid.T.flat, graph.classes, strict=True):
+        scenes = [i for i, name in enumerate(graph.scenes) if name.startswith(f"{category}/train")][:2]
+        views = [graph.frames[12 * scene + azimuth] for scene in scenes for azimuth in (1, 5, 9)]
+        axes.imshow(np.concatenate(views, 1), cmap="gray", vmin=0, vmax=255)
+        axes.set_title(category, fontsize=11, loc="left", pad=2)
+        axes.set_axis_off()
+    figure.subplots_adjust(0.01, 0.01, 0.99, 0.96)
+    return figure
+
+
+def curves(runs: list[Path]) -> Figure:
+    """The metrics of runs against environment steps."""
+    figure = Figure(figsize=(11, 5.6), dpi=90, layout="constrained")
+    for axes, (key, title) in zip(figure.subplots(2, 3).flat, CURVES.items(), strict=True):
+        for run in runs:
+            rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+            points = [(row["step"] / 1000, row[key]) for row in rows if key in row]
+            axes.plot(*zip(*points, strict=True), linewidth=1.2, label=run.name)
+        axes.set_title(title, fontsize=10.5, loc="left")
+        axes.set_xlabel("environment steps, thousands", fontsize=9)
+        axes.grid(color="#d0d7de", linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def main() -> None:
+    """Write the picture asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("picture", choices=("shapes", "curves"))
+    parser.add_argument("runs", nargs="*", type=Path)
+    options = parser.parse_args()
+    figure = shapes() if options.picture == "shapes" else curves(options.runs)
+    FigureCanvasAgg(figure)
+    figure.savefig(HERE / f"{options.picture}.png")
+
+
+if __name__ == "__main__":
+    main()
