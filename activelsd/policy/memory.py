@@ -68,12 +68,19 @@ class Pool(Memory):
 
 
 class LSTM(Memory):
-    """The paper's second model: a recurrent memory in place of stacked frames."""
+    """The paper's second model: a recurrent memory in place of stacked frames.
+
+    The paper does not say how wide; A3C's own LSTM has 256 cells (Mnih 2016), and a cell per feature would
+    give AlexNet's 4096 features 134 million weights.
+    """
+
+    CELLS = 256
 
     def __init__(self, features: int) -> None:
         super().__init__()
-        self.cell = nn.LSTMCell(features, features)
-        self.outputs, self.width = features, 2 * features
+        cells = min(features, self.CELLS)
+        self.cell = nn.LSTMCell(features, cells)
+        self.outputs, self.width = cells, 2 * cells
 
     def forward(self, features: Tensor, state: Tensor, first: Tensor) -> tuple[Tensor, Tensor]:
         """The state is hidden and cell side by side."""

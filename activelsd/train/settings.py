@@ -32,7 +32,7 @@ class TrainSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    steps: int = Field(900_000, ge=1, description="environment steps in all")
+    steps: int = Field(2_000_000, ge=1, description="environment steps in all")
     actors: Literal["resident"] = Field("resident", description="who plays: views on the learner's device")
     envs: int = Field(64, ge=1, description="episodes played side by side")
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")

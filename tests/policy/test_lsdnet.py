@@ -1,0 +1,138 @@
+"""The network: the paper's layers, memories against episodes run one by one, files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from activelsd.envs.actions import ActionTree
+from activelsd.errors import ConfigError, RunError
+from activelsd.policy.checkpoint import MEANING, WEIGHTS, load_network, save_network
+from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.policy.trunk import AlexNet, as_input
+
+TREE = ActionTree.answer_or_move(["a", "b", "c"], ["left", "right"])
+
+
+def network(**shape: object) -> LSDNet:
+    torch.manual_seed(0)
+    return LSDNet(TREE, NetworkShape(**({"size": 32, "features": 16} | shape)))  # type: ignore[arg-type]
+
+
+def observed(length: int, batch: int, frames: int = 1, *, crops: bool = False) -> dict[str, Tensor]:
+    generator = torch.Generator().manual_seed(1)
+    shape = (length, batch, frames, 32, 32)
+    pictures = torch.randint(0, 256, shape, generator=generator, dtype=torch.uint8)
+    observation = {"frames": pictures, "target": torch.rand(length, batch, frames, 5, generator=generator)}
+    return observation | ({"crops": pictures.flip(-1)} if crops else {})
+
+
+def test_alexnet_has_the_papers_layers() -> None:
+    """Section 3.2 and Figure 2, at 224 pixels with three frames."""
+    trunk = AlexNet(3, 224)
+    convolutions = [layer for layer in trunk.convolutions if isinstance(layer, nn.Conv2d)]
+    assert [(c.out_channels, c.kernel_size[0], c.stride[0]) for c in convolutions] == [
+        (64, 11, 4),
+        (256, 5, 1),
+        (384, 3, 1),
+        (384, 3, 1),
+        (256, 3, 1),
+    ]
+    assert convolutions[0].in_channels == 3
+    assert [layer.out_features for layer in trunk.dense if isinstance(layer, nn.Linear)] == [4096, 4096]
+    with torch.no_grad():
+        features = trunk(as_input(torch.zeros(1, 3, 224, 224, dtype=torch.uint8)))
+    assert features.shape == (1, 4096)
+    assert (features >= 0).all()
+
+
+@pytest.mark.parametrize("memory", ["stack", "pool", "lstm"])
+@pytest.mark.parametrize("head", ["tree", "flat"])
+@pytest.mark.parametrize("crops", [False, True])
+def test_a_rollout_is_its_steps_one_after_another(memory: str, head: str, crops: bool) -> None:
+    frames = 3 if memory == "stack" else 1
+    net = network(memory=memory, head=head, frames=frames, crops=crops)
+    observation = observed(5, 4, frames, crops=crops)
+    first = torch.rand(5, 4, generator=torch.Generator().manual_seed(2)) < 0.3
+    start = torch.rand(4, net.memory.width, generator=torch.Generator().manual_seed(3))
+    with torch.no_grad():
+        whole = net(observation, start, first)
+        assert whole.logits.shape == (5, 4, TREE.n + (2 if head == "tree" else 0))
+        assert whole.value.shape == (5, 4)
+        # Every episode alone, every step alone, from where its memory was.
+        for b in range(4):
+            state = start[b : b + 1]
+            for t in range(5):
+                one = {name: value[t : t + 1, b : b + 1] for name, value in observation.items()}
+                if first[t, b]:
+                    state = net.initial_state(1)
+                alone = net(one, state, torch.zeros(1, 1, dtype=torch.bool))
+                torch.testing.assert_close(alone.logits[0, 0], whole.logits[t, b])
+                torch.testing.assert_close(alone.value[0, 0], whole.value[t, b])
+                state = alone.state
+            torch.testing.assert_close(state[0], whole.state[b])
+
+
+def test_pool_does_not_mind_the_order_of_views_and_lstm_does() -> None:
+    observation = observed(3, 1)
+    swapped = {name: value[[1, 0, 2]] for name, value in observation.items()}
+    first = torch.tensor([[True], [False], [False]])
+    for memory, same in (("pool", True), ("lstm", False)):
+        net = network(memory=memory)
+        with torch.no_grad():
+            a, b = (net(o, net.initial_state(1), first).logits[-1] for o in (observation, swapped))
+        assert torch.allclose(a, b, atol=1e-6) == same
+
+
+def test_first_policies_are_near_uniform_over_branches_and_leaves() -> None:
+    net = network()
+    mask = torch.ones(1, 6, TREE.n, dtype=torch.bool)
+    with torch.no_grad():
+        output = net(observed(1, 6), net.initial_state(6), torch.ones(1, 6, dtype=torch.bool))
+    policy = net.distribution(output.logits, mask)
+    assert (policy.branch_probs() - 0.5).abs().max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("shape", "sentence"),
+    [
+        ({"head": "bush"}, "There is no head 'bush'; choose tree or flat."),
+        ({"memory": "diary"}, "There is no memory 'diary'; choose one of stack, pool, lstm."),
+        ({"trunk": "elephant"}, "There is no trunk 'elephant'; choose compact or alexnet."),
+        ({"size": 33}, "Trunk 'compact' needs a frame size that 4 divides, not 33; set env.size=32."),
+        ({"trunk": "alexnet"}, "Trunk 'alexnet' needs frames of at least 63 px, not 32; set env.size=224."),
+    ],
+)
+def test_what_cannot_be_built_is_one_sentence(shape: dict[str, object], sentence: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        network(**shape)
+    assert str(error.value) == sentence
+
+
+def test_a_network_survives_its_files(tmp_path: Path) -> None:
+    net = network(memory="lstm", head="flat", frames=2)
+    save_network(net, tmp_path)
+    again = load_network(tmp_path)
+    assert (again.tree, again.shape) == (net.tree, net.shape)
+    for name, value in net.state_dict().items():
+        assert torch.equal(value, again.state_dict()[name])
+    assert json.loads((tmp_path / MEANING).read_text())["actions"] == TREE.to_dict()
+
+
+def test_broken_files_are_one_sentence(tmp_path: Path) -> None:
+    save_network(network(), tmp_path)
+    weights, meaning = (tmp_path / WEIGHTS).read_bytes(), (tmp_path / MEANING).read_text()
+    (tmp_path / WEIGHTS).write_bytes(weights[: len(weights) // 2])
+    with pytest.raises(RunError, match="cannot be read"):
+        load_network(tmp_path)
+    (tmp_path / WEIGHTS).write_bytes(weights)
+    (tmp_path / MEANING).write_text(meaning.replace('"features": 16', '"features": 8'))
+    with pytest.raises(RunError, match=f"does not fit {MEANING} beside it"):
+        load_network(tmp_path)
+    (tmp_path / MEANING).write_text(meaning[:30])
+    with pytest.raises(RunError, match="is not a network's description"):
+        load_network(tmp_path)
