@@ -257,6 +257,8 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         }
         for name in ("scene", "target", "start", "split"):
             infos[name] = np.array([getattr(e, name) for e in episodes], object)
+        if self.graph.oracle_views is not None:
+            infos["oracle_views"] = self.graph.oracle_views[rows]
         of = np.ones(len(rows), bool) if of is None else of
         for values in infos.values():
             values[~of] = None if values.dtype == object else 0
