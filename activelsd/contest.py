@@ -12,8 +12,8 @@ from activelsd.console import progress
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, did_you_mean
 from activelsd.evaluate import files
+from activelsd.evaluate.baselines import BASELINES
 from activelsd.evaluate.compare import Comparison, Entrant, compare
-from activelsd.evaluate.players import BASELINES
 from activelsd.policy.checkpoint import load_network
 from activelsd.train.run import CONFIG, Run
 

@@ -165,6 +165,11 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         """(B,) int64 class of each target."""
         return self._labels[self._target]
 
+    @property
+    def targets(self) -> Tensor:
+        """(B,) int64 target of each episode."""
+        return self._target
+
     def views_seen(self) -> Tensor:
         """(B, K) int64 the stacked views, newest last."""
         return self._seen

@@ -61,8 +61,10 @@ def sample_scans(
 ) -> Path:
     """The folder of sample scans in a cache, made unless they are there.
 
+    Its name carries a digest of its scans and of the code that draws them, so a change makes another.
+
     Args:
-        cache: where samples are kept; the folder's name tells their settings.
+        cache: where samples are kept.
         split: a published split asks for all of its scans.
         scans: names of those to make; None for the split's, or a handful.
         width: of the photographs, in pixels.
@@ -70,10 +72,10 @@ def sample_scans(
         seed: draws homes and things.
         progress: called with what is done and what there is in all.
     """
-    from activelsd.envs.avd.writer import DEFAULT_SCANS, write_sample
+    from activelsd.envs.avd.writer import DEFAULT_SCANS, _code, write_sample
 
     names = tuple(scans or (PUBLISHED if split in TEST_SCANS else DEFAULT_SCANS))
-    digest = hashlib.sha256(" ".join(names).encode()).hexdigest()[:8]
+    digest = hashlib.sha256(" ".join([*names, _code()]).encode()).hexdigest()[:8]
     root = cache / f"avd-sample-{width}x{height}-seed{seed}-{digest}"
     if root.is_dir():
         return root

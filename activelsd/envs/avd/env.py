@@ -27,10 +27,12 @@ TASKS = ("instance", "category")
 RECORDED, SAMPLE = "avd", "avd-sample"
 """Backends: photographs of real homes, and rendered rooms that stand in for them."""
 
+SAMPLE_NOTE = "sample.json"
+
 
 def backend_of(path: str | Path | None) -> str:
-    """What makes the pictures: scans at a path, or the sample."""
-    return SAMPLE if path is None else RECORDED
+    """What made the pictures: cameras, or the writer of sample scans, which leaves a note beside them."""
+    return SAMPLE if path is None or (Path(path) / SAMPLE_NOTE).exists() else RECORDED
 
 
 def avd_graph(
