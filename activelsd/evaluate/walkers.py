@@ -110,23 +110,20 @@ def object_search(look: Look) -> Search:
         look = yield from _look_around(look)
     look = yield from _centre(look)
     detours = 0
-    while True:
+    while look.area:
         before = look
         look = yield "forward"
         if look.stuck:
             detours += 1
-            if detours > DETOURS:
-                return look
             look = yield from _around(look)
-            if look.stuck:
+            if look.stuck or detours > DETOURS:
                 return look
         elif look.area <= before.area:
-            # What was gained is behind: a step too far is taken back.
+            # A step too far is taken back where it lost the target.
             return look if look.area else (yield "backward")
-        if look.area and not look.centred:
+        if look.area:
             look = yield from _centre(look)
-        if not look.area:
-            return look
+    return look
 
 
 def _look_around(look: Look) -> Search:
@@ -155,14 +152,21 @@ def _centre(look: Look) -> Search:
     return look
 
 
-def _around(look: Look) -> Search:
-    """Step aside, first to where the target is; `stuck` where neither side is free."""
-    sides = ("right", "left") if look.middle > 0 else ("left", "right")
-    for side in sides:
-        look = yield side
-        if not look.stuck:
-            return look
-    return look
+def _around(blocked: Look) -> Search:
+    """Go around an obstacle, first on the side where the target is.
+
+    A step aside after which the way on is blocked too is taken back, unless it shows the target larger. What
+    is returned is `stuck` where neither side leads on.
+    """
+    for side, back in sorted((("left", "right"), ("right", "left")), reverse=blocked.middle > 0):
+        aside = yield side
+        if aside.stuck:
+            continue
+        ahead = yield "forward"
+        if not ahead.stuck or aside.area > blocked.area:
+            return ahead
+        yield back
+    return blocked
 
 
 class ObjectSearch(Trained):
