@@ -23,7 +23,7 @@ from activelsd.policy.lsdnet import LSDNet
 from tests.evaluate.lattice import lattice
 from tests.evaluate.worlds import Checked, network, ring
 
-ROOM = lattice()
+ROOM, SMALL = lattice(), lattice(side=4, thing=(1.0, 5.0))
 RULES = EpisodeRules(max_views=24)
 WALKERS = ("forward", "object_search", "oracle", "next_best_move")
 
@@ -167,13 +167,15 @@ def with_bias(graph: ViewGraph, classes: float) -> LSDNet:
 
 def test_next_best_move_goes_on_until_it_is_sure() -> None:
     for player in (NextBestMove, lambda net: RandomMoves(net, 0), ForwardOnly):
-        assert {row.views for row in played(player(with_bias(ROOM, 2.0)))} == {24}  # 0.88
-        assert {row.views for row in played(player(with_bias(ROOM, 2.5)))} == {1}  # 0.92
-    rows = played(NextBestMove(with_bias(ROOM, 0.0)))
+        assert {row.views for row in played(player(with_bias(SMALL, 2.0)), SMALL)} == {24}  # 0.88
+        assert {row.views for row in played(player(with_bias(SMALL, 2.5)), SMALL)} == {1}  # 0.92
+    rows = played(NextBestMove(with_bias(SMALL, 0.0)), SMALL)
     assert rows[0].path[:3] == ("0_0_0", "0_0_30", "0_0_60")
-    rows = played(ForwardOnly(with_bias(ROOM, 0.0)))
-    assert rows[0].path == (*(f"0_{y}_0" for y in range(7)), *["0_6_0"] * 17)
-    ways = [pair for row in played(RandomMoves(with_bias(ROOM, 0.0), 0)) for pair in pairwise(row.path)]
+    rows = played(ForwardOnly(with_bias(SMALL, 0.0)), SMALL)
+    assert rows[0].path == (*(f"0_{y}_0" for y in range(4)), *["0_3_0"] * 20)
+    ways = [
+        pair for row in played(RandomMoves(with_bias(SMALL, 0.0), 0), SMALL) for pair in pairwise(row.path)
+    ]
     assert len({(a.split("_")[2] == b.split("_")[2], a == b) for a, b in ways}) == 3
 
 
