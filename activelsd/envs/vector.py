@@ -285,4 +285,4 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
 
 def _rows(table: Tensor, index: Tensor) -> Tensor:
     """`table[index]` of whole rows, which copies each at once where indexing goes byte by byte."""
-    return table.index_select(0, index.flatten()).unflatten(0, index.shape)
+    return table.index_select(0, index.flatten()).view(*index.shape, *table.shape[1:])
