@@ -22,7 +22,7 @@ def scans_in(root: Path) -> dict[str, Path]:
         DataError: there is none, or only scans of the older release.
     """
     try:
-        folders = sorted(path for path in root.iterdir() if path.is_dir())
+        folders = sorted(path for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
     except OSError as error:
         raise DataError(
             f"{root} cannot be read ({error.strerror or error}); give the folder that holds Home_001_1 and so"
