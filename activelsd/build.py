@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 
-from activelsd.config import ModelNetSettings, PolicySettings, RulesSettings, World
+from activelsd.config import AVDSettings, ModelNetSettings, PolicySettings, RulesSettings, World
+from activelsd.envs.avd.env import avd_graph, backend_of
+from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.episode import PRESETS, EpisodeRules
 from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.envs.modelnet.orbit import ORBIT_MOVES, ring_table
@@ -27,7 +29,8 @@ class WorldKind(NamedTuple):
     environment: str  # Gymnasium's id
     moves: Sequence[str]
     datasets: str
-    graph: Callable[[World, Progress | None], ViewGraph]
+    graph: Callable[[Any, Progress | None], ViewGraph]  # from its settings
+    backend: Callable[[Any], str]  # what makes the pictures, from its settings
 
 
 def _modelnet_graph(settings: ModelNetSettings, progress: Progress | None) -> ViewGraph:
@@ -49,12 +52,46 @@ def _modelnet_graph(settings: ModelNetSettings, progress: Progress | None) -> Vi
     )
 
 
+def _avd_graph(settings: AVDSettings, progress: Progress | None) -> ViewGraph:
+    dataset, starts = settings.dataset, settings.starts
+    return avd_graph(
+        path=dataset.path,
+        split=dataset.split,
+        train=dataset.train,
+        test=dataset.test,
+        scans=dataset.scans,
+        width=dataset.width,
+        height=dataset.height,
+        seed=dataset.seed,
+        task=settings.task,
+        size=settings.size,
+        navigate=settings.navigate,
+        visible=starts.visible,
+        max_difficulty=starts.max_difficulty,
+        min_size=starts.min_size,
+        max_size=starts.max_size,
+        per_target=starts.per_target,
+        scores=starts.scores,
+        threshold=starts.threshold,
+        cache=settings.cache,
+        progress=progress,
+    )
+
+
 WORLDS: dict[str, WorldKind] = {
     "modelnet": WorldKind(
         environment="activelsd/ModelNet-v0",
         moves=tuple(ORBIT_MOVES),
         datasets=f"embedded shapes ({len(CATEGORIES)} classes), or meshes or views at env.dataset.path",
         graph=_modelnet_graph,
+        backend=lambda settings: "modelnet",
+    ),
+    "avd": WorldKind(
+        environment="activelsd/AVD-v0",
+        moves=MOVES,
+        datasets="sample scans (rendered rooms), or scans of the Active Vision Dataset at env.dataset.path",
+        graph=_avd_graph,
+        backend=lambda settings: backend_of(settings.dataset.path),
     ),
 }
 """Every world, by the name its settings have."""
@@ -63,6 +100,11 @@ WORLDS: dict[str, WorldKind] = {
 def build_graph(settings: World, progress: Progress | None = None) -> ViewGraph:
     """A world's views, prepared now where the cache does not have them."""
     return WORLDS[settings.name].graph(settings, progress)
+
+
+def build_backend(settings: World) -> str:
+    """What makes a world's pictures; a stand-in has a name of its own."""
+    return WORLDS[settings.name].backend(settings)
 
 
 def build_rules(settings: RulesSettings) -> EpisodeRules:

@@ -156,7 +156,7 @@ def _prepare(arguments: argparse.Namespace, words: list[str]) -> int:
 
     graph = open_graph(config)
     starts = ", ".join(f"{(graph.start_split == i).sum()} {split}" for i, split in enumerate(SPLITS))
-    print(f"{len(graph.scenes)} objects of {len(graph.classes)} classes")
+    print(f"{len(graph.targets)} objects of {len(graph.classes)} classes")
     print(f"{len(graph.frames)} views of {graph.size} pixels")
     print(f"Starts of episodes: {starts}")
     return 0
@@ -248,7 +248,7 @@ VERBS = {
     "prepare": Verb(
         _prepare,
         "prepare env=modelnet [env.key=value …] [--dry-run]",
-        "Render a world's views into the cache",
+        "Bring a world's views into the cache",
     ),
     "envs": Verb(_envs, "envs", "List the worlds"),
     "doctor": Verb(_doctor, "doctor", "Report what this machine offers"),

@@ -126,7 +126,9 @@ def _validate(layers: Mapping[str, Setting], schema: type[RunConfig]) -> RunConf
         raise ConfigError(f"There is no world '{world}'{asked.place}; {hint}")
 
     known, tree = settings(schema, world), defaults(schema, world)
-    for key, setting in layers.items():
+    for written, setting in layers.items():
+        # A group that has kinds may be set to one by its own name: env.dataset=sample.
+        key = written if f"{written}.kind" not in known else f"{written}.kind"
         if key not in known:
             elsewhere = {other: settings(schema, other) for other in by_world if other != world}
             raise ConfigError(unknown_key(key, setting.place, world, known, elsewhere))

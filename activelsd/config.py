@@ -73,8 +73,79 @@ class ModelNetSettings(Section):
     rules: RulesSettings = Field(RulesSettings(), description="rewards and ends")
 
 
-World = ModelNetSettings
-"""A world's settings; a second world makes this `Annotated[A | B, Field(discriminator="name")]`."""
+class ScansSettings(Section):
+    """Which recorded walks there are, and which of them are for training and which for testing."""
+
+    kind: Literal["sample"] | None = Field(
+        None, description="sample: scans made here; null: those at the path, else the sample"
+    )
+    path: Place | None = Field(None, description="folder of scans, as of the Active Vision Dataset")
+    split: Literal["homes", "1", "2", "3"] = Field(
+        "homes", description="1 to 3 are published; homes tests on the last quarter of the homes"
+    )
+    train: tuple[str, ...] | None = Field(
+        None, min_length=1, description="scans to train on; null: the split's"
+    )
+    test: tuple[str, ...] | None = Field(
+        None, min_length=1, description="scans to test on; null: the split's"
+    )
+    scans: tuple[str, ...] | None = Field(
+        None,
+        min_length=2,
+        description="sample: names of the scans; null: the published split's, or a handful",
+    )
+    width: int = Field(480, ge=96, le=1920, description="sample: of the photographs, in pixels")
+    height: int = Field(270, ge=54, le=1080, description="sample: of the photographs, in pixels")
+    seed: int = Field(0, ge=0, description="sample: which homes and things")
+
+    @model_validator(mode="after")
+    def _one_origin(self) -> ScansSettings:
+        if self.kind is not None and self.path is not None:
+            raise ValueError(
+                "env.dataset=sample and env.dataset.path exclude each other; leave one of them out"
+            )
+        return self
+
+
+class StartsSettings(Section):
+    """Where episodes begin."""
+
+    visible: bool = Field(True, description="only where the target is in sight")
+    max_difficulty: int = Field(5, ge=1, le=5, description="of the target's box there, 1 is easiest")
+    min_size: float = Field(
+        0.0, ge=0, le=1, description="of the box there: its larger side as a fraction of the frame"
+    )
+    max_size: float = Field(1.0, ge=0, le=1, description="of the box there")
+    per_target: int | None = Field(
+        20, ge=1, description="most starts of each target that validates or tests; null: all"
+    )
+    scores: Place | None = Field(
+        None, description="table of a recogniser's scores: start where it is not sure and moving can help"
+    )
+    threshold: float = Field(0.9, gt=0, le=1, description="score from which the recogniser is sure")
+
+
+class AVDSettings(Section):
+    """Recorded walks through homes: the Active Vision Dataset, or sample scans of its format."""
+
+    name: Literal["avd"] = Field("avd", description="the world")
+    dataset: ScansSettings = Field(ScansSettings(), description="the scans")
+    task: Literal["instance", "category"] = Field("instance", description="what is to be named")
+    size: int = Field(64, ge=32, le=512, description="side of frames and crops in pixels")
+    navigate: tuple[str, ...] = Field(
+        ("forward", "backward", "left", "right", "rotate_cw", "rotate_ccw"),
+        min_length=1,
+        description="moves, by name",
+    )
+    starts: StartsSettings = Field(StartsSettings(), description="where episodes begin")
+    cache: Place | None = Field(
+        None, description="folder of views and sample scans; null: $ACTIVELSD_CACHE or ~/.cache/activelsd"
+    )
+    rules: RulesSettings = Field(RulesSettings(), description="rewards and ends")
+
+
+World = Annotated[ModelNetSettings | AVDSettings, Field(discriminator="name")]
+"""A world's settings, told apart by its name."""
 
 
 class PolicySettings(Section):

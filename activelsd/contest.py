@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from activelsd.build import build_device, build_graph, build_rules
+from activelsd.build import build_backend, build_device, build_graph, build_rules
 from activelsd.compose import change, load
 from activelsd.config import RunConfig, World
 from activelsd.console import progress
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, did_you_mean
 from activelsd.evaluate import files
+from activelsd.evaluate.baselines import BASELINES
 from activelsd.evaluate.compare import Comparison, Entrant, compare
-from activelsd.evaluate.players import BASELINES
 from activelsd.policy.checkpoint import load_network
 from activelsd.train.run import CONFIG, Run
 
@@ -81,7 +81,7 @@ def _entrant(name: str, run: Run, config: RunConfig, graphs: dict[World, ViewGra
     """A run with its world; runs of the same world share its views."""
     network = load_network(run.checkpoint, device)
     if config.env not in graphs:
-        with progress("Rendering objects") as show:
+        with progress("Preparing views") as show:
             graphs[config.env] = build_graph(config.env, show)
     return Entrant(
         name=name,
@@ -89,5 +89,5 @@ def _entrant(name: str, run: Run, config: RunConfig, graphs: dict[World, ViewGra
         graph=graphs[config.env],
         rules=build_rules(config.env.rules),
         world=config.env.name,
-        backend=config.env.name,
+        backend=build_backend(config.env),
     )

@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from activelsd.build import build_device, build_graph, build_rules, build_shape
+from activelsd.build import build_backend, build_device, build_graph, build_rules, build_shape
 from activelsd.compose import change, load
 from activelsd.config import RunConfig, dump
 from activelsd.console import notice, progress
@@ -23,7 +23,7 @@ ON_RESUME = ("train.steps", "device", "threads")
 
 def open_graph(config: RunConfig) -> ViewGraph:
     """The world's views of a config, prepared with progress on the screen where they have to be."""
-    with progress("Rendering objects") as show:
+    with progress("Preparing views") as show:
         return build_graph(config.env, show)
 
 
@@ -61,12 +61,12 @@ def resumed_config(folder: Path, words: Sequence[str]) -> RunConfig:
 
 
 def _train(config: RunConfig, run: Run, graph: ViewGraph, device: str) -> Path:
-    notice(f"Training {run.folder}")
-    rules = build_rules(config.env.rules)
+    rules, backend = build_rules(config.env.rules), build_backend(config.env)
+    notice(f"Training {run.folder}" + ("" if backend == config.env.name else f" on {backend}, a stand-in"))
 
     def evaluate(network: LSDNet) -> dict[str, float]:
         world = config.env.name
-        return measure(network, graph, rules, split="val", world=world, backend=world, device=device)
+        return measure(network, graph, rules, split="val", world=world, backend=backend, device=device)
 
     has_val = bool((graph.start_split == SPLITS.index("val")).any())
     try:
@@ -78,7 +78,7 @@ def _train(config: RunConfig, run: Run, graph: ViewGraph, device: str) -> Path:
             config.train,
             seed=config.seed,
             device=device,
-            backend=config.env.name,
+            backend=backend,
             evaluate=evaluate if has_val else None,
             resume=_has_checkpoint(run),
         )

@@ -7,3 +7,8 @@ gymnasium.register(
     entry_point="activelsd.envs.modelnet.env:ModelNetEnv",
     vector_entry_point="activelsd.envs.modelnet.env:make_vector",
 )
+gymnasium.register(
+    "activelsd/AVD-v0",
+    entry_point="activelsd.envs.avd.env:AVDEnv",
+    vector_entry_point="activelsd.envs.avd.env:make_vector",
+)

@@ -42,7 +42,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
 
     Info: `views` seen so far, `moved` (the last action changed the view), `action_mask` bool (n,), and of
     the episode `episode_id` (give it to `reset(options={"episode": id})` to replay), `scene`, `target`,
-    `label`, `start`, `split`; `backend` names what made the pictures.
+    `label`, `start`, `split` and, where known, `oracle_views`; `backend` names what made the pictures.
 
     A backend implements:
         draw_episode: what to ask, from `self.np_random`; it puts the agent at the start.
@@ -161,7 +161,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
     def _info(self, *, moved: bool) -> dict[str, Any]:
         episode = self._episode
         assert episode is not None
-        return {
+        info: dict[str, Any] = {
             "views": self._views,
             "moved": moved,
             "action_mask": self.action_mask(),
@@ -173,3 +173,6 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
             "start": episode.start,
             "split": episode.split,
         }
+        if episode.oracle_views is not None:
+            info["oracle_views"] = episode.oracle_views
+        return info

@@ -1,4 +1,4 @@
-"""The file of views in the making: filled object by object, gone on with after an interruption.
+"""The file of views in the making: filled block by block, gone on with after an interruption.
 
 HDF5 is closed while views are written: its metadata is laid down first, then bytes go to known places in the
 file. So a process that is killed, even by SIGKILL, leaves a file that the next one goes on with. POSIX only.
@@ -39,20 +39,22 @@ class CacheError(DataError):
 
 
 class PartialGraph:
-    """A graph whose frames arrive in blocks of equal size, one an object.
+    """A graph whose pictures arrive in blocks: all frames of an object, or a photograph and its crops.
 
     Attributes:
         done: bool (n,), the blocks whose bytes have reached the disk.
     """
 
-    def __init__(self, path: Path, graph: ViewGraph, key: Mapping[str, Any], blocks: int) -> None:
+    def __init__(
+        self, path: Path, graph: ViewGraph, key: Mapping[str, Any], ends: Mapping[str, NDArray[np.int64]]
+    ) -> None:
         """Go on with the file, or begin it where there is none of this key that can be read.
 
         Args:
             path: of the finished file; the one in the making is beside it.
-            graph: all of it but the frames, whose shape alone counts.
+            graph: all of it but the pictures, whose shape alone counts.
             key: what the graph is made from.
-            blocks: n, how many equal parts its frames come in.
+            ends: per field of pictures (n,) the row that each of the n blocks ends before, in order.
 
         Raises:
             CacheError: here and below, the file cannot be written.
@@ -60,25 +62,31 @@ class PartialGraph:
         self._path = path
         self._key = key
         self._partial = path.with_name(path.name + ".partial")
-        self._block = graph.frames.size // blocks
+        self._bounds = {name: np.concatenate([[0], rows]) for name, rows in ends.items()}
+        self._row_bytes = graph.size * graph.size
+        blocks = len(next(iter(ends.values())))
         with writing(path.parent):
-            self._frames_at, self._done_at = self._places() or self._begin(graph, blocks)
+            self._at = self._places() or self._begin(graph, blocks)
+            self._done_at = self._at[_DONE]
             self._file = self._partial.open("r+b", buffering=0)
             self._file.seek(self._done_at)
             self.done = np.frombuffer(self._file.read(blocks), np.bool_).copy()
         self._written: list[int] = []
         self._flushed = time.monotonic()
 
-    def write(self, block: int, frames: NDArray[np.uint8]) -> None:
-        """Put a block's frames in place; it counts as done from the next flush, at most seconds later."""
-        assert frames.size == self._block
-        self._put(self._frames_at + block * self._block, frames.tobytes())
+    def write(self, block: int, **pictures: NDArray[np.uint8]) -> None:
+        """Put a block's rows of all fields in place; it counts as done from the next flush, seconds later."""
+        assert pictures.keys() == self._bounds.keys()
+        for name, rows in pictures.items():
+            first, end = self._bounds[name][block : block + 2]
+            assert rows.size == (end - first) * self._row_bytes
+            self._put(self._at[name] + int(first) * self._row_bytes, rows.tobytes())
         self._written.append(block)
         if time.monotonic() - self._flushed > _FLUSH_SECONDS:
             self.flush()
 
     def flush(self) -> None:
-        """Bring the frames to the disk, and only then say that they are there."""
+        """Bring the pictures to the disk, and only then say that they are there."""
         with writing(self._path.parent):
             os.fsync(self._file.fileno())
         for block in self._written:
@@ -117,20 +125,21 @@ class PartialGraph:
         while rest:
             rest = rest[self._file.write(rest) :]
 
-    def _places(self) -> tuple[int, int] | None:
-        """Where frames and done marks stand in the file; None where there is none to go on with."""
+    def _places(self) -> dict[str, int] | None:
+        """Where pictures and done marks stand in the file; None where there is none to go on with."""
         try:
             with h5py.File(self._partial, "r") as file:
                 if file.attrs.get(_KEY) != json.dumps(self._key, sort_keys=True):
                     return None
-                return file["frames"].id.get_offset(), file[_DONE].id.get_offset()
+                return {name: file[name].id.get_offset() for name in (*self._bounds, _DONE)}
         except OSError:
             return None
 
-    def _begin(self, graph: ViewGraph, blocks: int) -> tuple[int, int]:
+    def _begin(self, graph: ViewGraph, blocks: int) -> dict[str, int]:
         with h5py.File(self._partial, "w") as file:
-            write_graph(file, graph, skip=frozenset({"frames"}))
-            places = _allot(file, "frames", graph.frames.shape), _allot(file, _DONE, (blocks,))
+            write_graph(file, graph, skip=frozenset(self._bounds))
+            places = {name: _allot(file, name, getattr(graph, name).shape) for name in self._bounds}
+            places[_DONE] = _allot(file, _DONE, (blocks,))
             file.attrs[_KEY] = json.dumps(self._key, sort_keys=True)
         return places
 

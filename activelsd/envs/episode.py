@@ -22,7 +22,11 @@ class View(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """What is being asked, and from where; `id` replays it exactly."""
+    """What is being asked, and from where; `id` replays it exactly.
+
+    `oracle_views` is the fewest views until one shows the target well, -1 where none can be reached, and None
+    where nobody knows.
+    """
 
     id: str
     scene: str
@@ -30,6 +34,7 @@ class Episode:
     label: int
     start: str
     split: str
+    oracle_views: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

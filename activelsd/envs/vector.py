@@ -87,9 +87,10 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._labels = put(graph.labels)
         self._start_view, self._start_target = put(graph.start_view).long(), put(graph.start_target).long()
         self._rows = put(rows)
-        self._pairs = None if graph.pair_of is None else put(graph.pair_of).long()
-        # One row more than there are pairs, so that -1 (out of sight) finds a box and a crop of zeros.
-        if graph.boxes is not None:
+        self._pairs = None
+        # One row more than there are pairs: out of sight is the last, with a box and a crop of zeros.
+        if graph.pair_of is not None and graph.boxes is not None:
+            self._pairs = put(np.where(graph.pair_of >= 0, graph.pair_of, np.int32(len(graph.boxes))))
             boxes = torch.cat([put(graph.boxes), torch.ones(len(graph.boxes), 1, device=self.device)], 1)
             self._boxes = torch.cat([boxes, boxes.new_zeros(1, 5)])
         if graph.crops is not None:
@@ -150,20 +151,25 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
 
     def observe(self) -> dict[str, Tensor]:
         """`frames` uint8 (B, K, S, S), `target` float32 (B, K, 5), and `crops` where the graph has them."""
-        observation = {"frames": self._frames[self._seen]}
+        observation = {"frames": _rows(self._frames, self._seen)}
         if self._pairs is None:
             observation["target"] = self._whole.expand(*self._seen.shape, 5)
         else:
             pairs = self._pairs[self._seen, self._target[:, None]]
-            observation["target"] = self._boxes[pairs]
+            observation["target"] = _rows(self._boxes, pairs)
             if self.graph.crops is not None:
-                observation["crops"] = self._crops[pairs]
+                observation["crops"] = _rows(self._crops, pairs)
         return observation
 
     @property
     def labels(self) -> Tensor:
         """(B,) int64 class of each target."""
         return self._labels[self._target]
+
+    @property
+    def targets(self) -> Tensor:
+        """(B,) int64 target of each episode."""
+        return self._target
 
     def views_seen(self) -> Tensor:
         """(B, K) int64 the stacked views, newest last."""
@@ -257,6 +263,8 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         }
         for name in ("scene", "target", "start", "split"):
             infos[name] = np.array([getattr(e, name) for e in episodes], object)
+        if self.graph.oracle_views is not None:
+            infos["oracle_views"] = self.graph.oracle_views[rows]
         of = np.ones(len(rows), bool) if of is None else of
         for values in infos.values():
             values[~of] = None if values.dtype == object else 0
@@ -273,3 +281,8 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
             [{k: v[i] for k, v in last.items()} if ended[i] else None for i in range(self.num_envs)], object
         )
         infos["_final_obs"], infos["_final_info"] = ended.copy(), ended.copy()
+
+
+def _rows(table: Tensor, index: Tensor) -> Tensor:
+    """`table[index]` of whole rows, which copies each at once where indexing goes byte by byte."""
+    return table.index_select(0, index.flatten()).view(*index.shape, *table.shape[1:])

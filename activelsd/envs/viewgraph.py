@@ -45,6 +45,11 @@ class ViewGraph:
     pair_of: NDArray[np.int32] | None = None
     boxes: NDArray[np.float32] | None = None  # (P, 4) cx, cy, w, h as fractions of the frame
     crops: NDArray[np.uint8] | None = None  # (P, S, S) each box cut from the full-resolution picture
+    difficulty: NDArray[np.uint8] | None = None  # (P,) of boxes as annotated, 1 is easiest
+    # (V, 3) where the camera is and looks: metres x and z, degrees from z towards x; NaN where unknown
+    poses: NDArray[np.float32] | None = None
+    # (E,) fewest views until one shows the target well, -1 where none can be reached
+    oracle_views: NDArray[np.int32] | None = None
 
     @property
     def size(self) -> int:
@@ -76,6 +81,7 @@ class ViewGraph:
             label=int(self.labels[target]),
             start=start,
             split=split,
+            oracle_views=None if self.oracle_views is None else int(self.oracle_views[row]),
         )
 
     def find(self, episode_id: str) -> int:

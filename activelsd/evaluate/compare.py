@@ -12,6 +12,7 @@ from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, RunError
+from activelsd.evaluate.baselines import make_baseline
 from activelsd.evaluate.metrics import (
     Group,
     Interval,
@@ -23,7 +24,7 @@ from activelsd.evaluate.metrics import (
     intervals,
     score,
 )
-from activelsd.evaluate.players import Trained, make_baseline
+from activelsd.evaluate.players import Trained
 from activelsd.evaluate.protocol import BATCH, EpisodeRow, Player, Progress, episodes_of, play
 from activelsd.policy.lsdnet import LSDNet
 
@@ -145,7 +146,7 @@ def compare(
     Args:
         entrants: at least one; the first is the reference, and the baselines share its network, moves and
             rules.
-        baselines: names out of `players.BASELINES`.
+        baselines: names out of `baselines.BASELINES`.
         split: `train`, `val` or `test`.
         per_object: random starts per object; None for every start.
         seed: of random starts, of players that draw, of resampling.

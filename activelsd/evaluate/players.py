@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import torch
@@ -11,8 +11,6 @@ from torch import Tensor
 from activelsd.envs.actions import CLASSIFY, ActionTree
 from activelsd.envs.draws import draw, draw_key
 from activelsd.envs.viewgraph import ViewGraph
-from activelsd.errors import ConfigError, did_you_mean
-from activelsd.evaluate.protocol import Player
 from activelsd.policy.heads import ActionDistribution
 from activelsd.policy.lsdnet import LSDNet
 
@@ -182,23 +180,3 @@ def longest_sweep(graph: ViewGraph) -> tuple[int, int]:
         if len(seen) > most:
             best, most = column, len(seen)
     return best, most
-
-
-BASELINES: dict[str, Callable[[LSDNet, ViewGraph, int], Player]] = {
-    "no_move": lambda network, graph, seed: NoMove(network),
-    "random_walk": lambda network, graph, seed: RandomWalk(network, seed),
-    "random_policy": lambda network, graph, seed: RandomPolicy(network.tree, seed),
-    "all_views": lambda network, graph, seed: AllViews(network, graph),
-}
-"""Makers of baselines by name, from a trained network, the world and a seed."""
-
-
-def make_baseline(name: str, network: LSDNet, graph: ViewGraph, seed: int) -> Player:
-    """A baseline by name.
-
-    Raises:
-        ConfigError: there is none of that name.
-    """
-    if name not in BASELINES:
-        raise ConfigError(f"There is no baseline '{name}'; {did_you_mean(name, BASELINES)}")
-    return BASELINES[name](network, graph, seed)

@@ -12,14 +12,16 @@ from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
+from activelsd.evaluate.baselines import make_baseline
 from activelsd.evaluate.metrics import by_allowed
-from activelsd.evaluate.players import BASELINES, Draws, Trained, longest_sweep, make_baseline
+from activelsd.evaluate.players import Draws, Trained, longest_sweep
 from activelsd.evaluate.protocol import EpisodeRow, Player, episodes_of, play
 from activelsd.policy.lsdnet import LSDNet
 from tests.evaluate.worlds import CLASSES, RULES, Checked, network, ring
 
 GRAPH = ring()
-NAMES = ["trained", *BASELINES]
+# The others need a world to walk in, see test_walkers.
+NAMES = ["trained", "no_move", "random_walk", "random_policy", "all_views", "next_best_move"]
 
 
 def make(name: str, net: LSDNet, graph: ViewGraph = GRAPH, seed: int = 0) -> Player:

@@ -118,7 +118,9 @@ def _fill(
     progress: Callable[[int, int], None] | None,
 ) -> None:
     report = progress or (lambda done, total: None)
-    partial = PartialGraph(path, _without_frames(dataset, size, elevations), key, len(dataset.items))
+    graph = _without_frames(dataset, size, elevations)
+    ends = np.arange(1, len(dataset.items) + 1) * (len(graph.frames) // len(dataset.items))
+    partial = PartialGraph(path, graph, key, {"frames": ends})
     try:
         todo = np.flatnonzero(~partial.done).tolist()
         done, total = len(dataset.items) - len(todo), len(dataset.items)
@@ -132,7 +134,7 @@ def _fill(
         )
         with closing(views):
             for i, frames in views:
-                partial.write(i, frames)
+                partial.write(i, frames=frames)
                 done += 1
                 report(done, total)
     except BaseException as error:

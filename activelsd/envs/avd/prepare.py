@@ -1,0 +1,243 @@
+"""Scans into a cached view graph, photograph by photograph, going on where an earlier attempt stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from importlib import resources
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activelsd.envs.avd.photographs import cut_out, read_photograph, squashed
+from activelsd.envs.avd.scan import (
+    ANNOTATIONS,
+    INSTANCES,
+    MOVES,
+    PHOTOGRAPHS,
+    POSES,
+    PRESENT,
+    Scan,
+    check_release,
+    read_instances,
+    read_scan,
+)
+from activelsd.envs.cache import CacheError, PartialGraph, alone, writing
+from activelsd.envs.viewgraph import ViewGraph, read_key
+from activelsd.errors import DataError
+
+Pictures = tuple[NDArray[np.uint8], NDArray[np.uint8]]
+"""A photograph's frame (S, S), and the crops (p, S, S) of the boxes in it."""
+
+_AHEAD = 2
+"""Photographs under way per thread: what bounds memory, at a few MB each."""
+
+
+def prepare(
+    folders: Sequence[Path],
+    *,
+    size: int,
+    cache: Path,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """The file of the scans' views, made unless it is there.
+
+    Its name carries a digest of name, size and time of every file it is made from, and of the code that makes
+    it. Every scan is a scene, every instance in it a target named `SCAN/INSTANCE`, with the data set's
+    instances as classes; all six moves are in it. Its starts are the views that show a target, in no split
+    but the first: `env.avd_graph` chooses among them.
+
+    Args:
+        folders: of the scans, of one root.
+        size: side S of frames and crops in pixels.
+        cache: folder to keep the file in; made if need be.
+        workers: how many threads decode; None for as many as there are cores.
+        progress: called with the number of photographs done and of all.
+
+    Returns:
+        The path of a file that `viewgraph.load_graph` reads.
+
+    Raises:
+        DataError: a scan is broken, or the cache cannot be written or is being prepared elsewhere. After a
+            broken scan nothing stays behind; after anything else, KeyboardInterrupt included, what is done
+            stays and is gone on with next time.
+    """
+    root = folders[0].parent
+    key = {"scans": {path.name: _stamp(path) for path in folders}, "size": size, "code": _code()}
+    key["instances"] = _stamp_of([root / INSTANCES])
+    digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:12]
+    path = cache / f"{re.sub(r'[^A-Za-z0-9_.+-]', '_', root.resolve().name)}-{size}px-{digest}.h5"
+    if read_key(path) == key:
+        return path
+    with writing(cache):
+        cache.mkdir(parents=True, exist_ok=True)
+    with alone(path):
+        if read_key(path) != key:
+            instances = read_instances(root)
+            scans = [read_scan(folder, instances) for folder in folders]
+            _fill(scans, _without_pictures(scans, instances, size), path, key, workers, progress)
+    return path
+
+
+def _stamp(folder: Path) -> str:
+    check_release(folder)
+    try:
+        photographs = sorted((folder / PHOTOGRAPHS).iterdir())
+    except OSError as error:
+        raise DataError(
+            f"{folder / PHOTOGRAPHS} cannot be read ({error.strerror}); copy the scan again."
+        ) from None
+    return _stamp_of([*(folder / name for name in (ANNOTATIONS, POSES, PRESENT)), *photographs])
+
+
+def _stamp_of(files: Sequence[Path]) -> str:
+    """A digest of files' names, sizes and times; what is missing is said by who reads it."""
+    digest = hashlib.sha256()
+    for file in files:
+        if file.exists():
+            stat = file.stat()
+            digest.update(f"{file.name} {stat.st_size} {stat.st_mtime_ns}\n".encode())
+    return digest.hexdigest()[:16]
+
+
+def _code() -> str:
+    """A digest of the modules that make what is cached."""
+    package = resources.files("activelsd.envs.avd")
+    sources = (package / name for name in ("scan.py", "photographs.py", "prepare.py"))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
+
+
+def _fill(
+    scans: Sequence[Scan],
+    graph: ViewGraph,
+    path: Path,
+    key: dict[str, Any],
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    report = progress or (lambda done, total: None)
+    boxes = np.concatenate([np.bincount(scan.box_view, minlength=len(scan.files)) for scan in scans])
+    ends = {"frames": np.arange(1, len(boxes) + 1), "crops": np.cumsum(boxes)}
+    partial = PartialGraph(path, graph, key, ends)
+    try:
+        todo = ~partial.done
+        done, total = int(partial.done.sum()), len(todo)
+        report(done, total)
+        for view, (frame, crops) in _decoded(scans, todo, graph.size, workers or _cores()):
+            partial.write(view, frames=frame, crops=crops)
+            done += 1
+            report(done, total)
+    except BaseException as error:
+        partial.leave(keep=isinstance(error, CacheError) or not isinstance(error, DataError))
+        raise
+    partial.finish()
+
+
+def _decoded(
+    scans: Sequence[Scan], todo: NDArray[np.bool_], size: int, workers: int
+) -> Iterator[tuple[int, Pictures]]:
+    """The pictures of the views that `todo` (V,) asks for, in order; OpenCV works outside Python's lock."""
+    views = ((i, view) for i, view in enumerate(_views(scans)) if todo[i])
+    with ThreadPoolExecutor(workers) as pool:
+        under_way: deque[tuple[int, Future[Pictures]]] = deque()
+        try:
+            for number, (scan, view) in islice(views, workers * _AHEAD):
+                under_way.append((number, pool.submit(_pictures, scan, view, size)))
+            while under_way:
+                number, future = under_way.popleft()
+                yield number, future.result()
+                for following, (scan, view) in islice(views, 1):
+                    under_way.append((following, pool.submit(_pictures, scan, view, size)))
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _views(scans: Sequence[Scan]) -> Iterator[tuple[Scan, int]]:
+    for scan in scans:
+        for view in range(len(scan.files)):
+            yield scan, view
+
+
+def _pictures(scan: Scan, view: int, size: int) -> Pictures:
+    file = scan.files[view]
+    photograph = read_photograph(file)
+    if photograph.shape != (scan.height, scan.width):
+        height, width = photograph.shape
+        raise DataError(
+            f"{file} is {width} x {height} pixels, and others of its scan {scan.width} x {scan.height};"
+            " copy it again."
+        )
+    first, end = np.searchsorted(scan.box_view, [view, view + 1])
+    crops = np.empty((end - first, size, size), np.uint8)
+    for i, box in enumerate(scan.boxes[first:end]):
+        crops[i] = cut_out(photograph, box, size)
+    return squashed(photograph, size), crops
+
+
+def _cores() -> int:
+    """The cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _without_pictures(scans: Sequence[Scan], instances: dict[str, int], size: int) -> ViewGraph:
+    """The graph of the scans; its frames and crops are zeros that take no room."""
+    ids, names = np.array(list(instances.values())), tuple(instances)
+    views, boxes = sum(len(scan.files) for scan in scans), sum(len(scan.boxes) for scan in scans)
+    if not boxes:
+        raise DataError(
+            f"{', '.join(scan.name for scan in scans)}: no photograph shows an instance; get"
+            f" {ANNOTATIONS} again."
+        )
+    kinds = [np.unique(scan.box_instance) for scan in scans]  # ids of each scan's targets
+    labels = np.searchsorted(ids, np.concatenate(kinds))
+    pair_of = np.full((views, len(labels)), -1, np.int32)
+    first_view, first_target, first_pair = 0, 0, 0
+    moves, pairs = [], []
+    for scan, own in zip(scans, kinds, strict=True):
+        rows = first_view + scan.box_view
+        columns = first_target + np.searchsorted(own, scan.box_instance)
+        pair_of[rows, columns] = first_pair + np.arange(len(rows))
+        pairs.append(np.stack([rows, columns], 1))
+        moves.append(np.where(scan.moves >= 0, scan.moves + first_view, -1))
+        first_view, first_target = first_view + len(scan.files), first_target + len(own)
+        first_pair += len(rows)
+    start_view, start_target = np.concatenate(pairs).T.astype(np.int32)
+    return ViewGraph(
+        frames=np.broadcast_to(np.uint8(0), (views, size, size)),
+        moves=np.concatenate(moves).astype(np.int32),
+        move_names=MOVES,
+        classes=names,
+        targets=tuple(
+            f"{scan.name}/{names[label]}"
+            for scan, own in zip(scans, kinds, strict=True)
+            for label in np.searchsorted(ids, own)
+        ),
+        labels=labels.astype(np.int64),
+        scenes=tuple(scan.name for scan in scans),
+        scene_of=np.repeat(np.arange(len(scans)), [len(scan.files) for scan in scans]).astype(np.int32),
+        view_names=tuple(file.stem for scan in scans for file in scan.files),
+        start_view=start_view,
+        start_target=start_target,
+        start_split=np.zeros(boxes, np.uint8),
+        pair_of=pair_of,
+        boxes=np.concatenate([_fractions(scan) for scan in scans]),
+        crops=np.broadcast_to(np.uint8(0), (boxes, size, size)),
+        difficulty=np.concatenate([scan.difficulty for scan in scans]),
+        poses=np.concatenate([scan.poses for scan in scans]),
+    )
+
+
+def _fractions(scan: Scan) -> NDArray[np.float32]:
+    """(P, 4) cx, cy, w, h of a scan's boxes as fractions of the photograph."""
+    low, high = scan.boxes[:, :2].astype(np.float64), scan.boxes[:, 2:].astype(np.float64)
+    whole = (scan.width, scan.height)
+    return np.concatenate([(low + high) / 2 / whole, (high - low) / whole], 1).astype(np.float32)

@@ -1,0 +1,225 @@
+"""Players for worlds that are walked through: straight on, towards the target, and along the shortest way.
+
+They go by what is in the observation, the target's box and whether the picture changed, and by their moves'
+names; the oracle alone is told where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping, Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from activelsd.envs.actions import NAVIGATE
+from activelsd.envs.oracle import moves_to_go
+from activelsd.envs.viewgraph import ViewGraph
+from activelsd.errors import ConfigError
+from activelsd.evaluate.players import Trained
+from activelsd.policy.lsdnet import LSDNet
+
+CENTRED = 0.25
+"""How far from the frame's middle a box may be, as a fraction of its width: half of what a turn moves it."""
+
+TURNS, DETOURS = 12, 3
+"""Turns that look all around, and obstacles gone around in an episode."""
+
+
+class Blocked:
+    """Notices moves that led nowhere: the picture is the one before."""
+
+    def __init__(self) -> None:
+        self._before = torch.zeros(0)
+
+    def look(self, observation: Mapping[str, Tensor], first: Tensor) -> Tensor:
+        """(B,) bool: whether the newest picture is the one before, in the same episode."""
+        frames, before = observation["frames"][:, -1], self._before
+        self._before = frames
+        if frames.shape != before.shape:
+            return torch.zeros_like(first)
+        return (frames == before).flatten(1).all(1) & ~first
+
+
+class Forward(Trained):
+    """Walks forward to the last view allowed, turning where the way is blocked; then the network answers."""
+
+    def __init__(self, network: LSDNet) -> None:
+        super().__init__(network, "forward")
+        self._forward = move_of(network, "forward", self.name)
+        self._turn, self._blocked = move_of(network, "rotate_cw", self.name), Blocked()
+
+    def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
+        """Forward, or around where forward changed nothing."""
+        self.look(observation, mask, first)
+        move = torch.where(self._blocked.look(observation, first), self._turn, self._forward)
+        return torch.where(mask.gather(1, move[:, None]).squeeze(1), move, self.name_class())
+
+
+class Oracle(Trained):
+    """Walks the shortest way to a view that shows the target well, then the network answers.
+
+    Where no way leads to one, it answers at once.
+    """
+
+    def __init__(self, network: LSDNet, graph: ViewGraph) -> None:
+        super().__init__(network, "oracle")
+        if graph.pair_of is None:
+            raise ConfigError(
+                "oracle needs a world whose targets have boxes, like env=avd; leave it out here."
+            )
+        self._away, self._leads = torch.from_numpy(moves_to_go(graph)), torch.from_numpy(graph.moves).long()
+        self._first_move = network.tree.span(NAVIGATE).start
+
+    def tell(self, views: Tensor, targets: Tensor) -> None:
+        """Where it is and what is asked for, int64 (B,) each; called before `act`."""
+        views, targets = views.cpu(), targets.cpu()
+        leads = self._leads[views]
+        away = self._away[leads, targets[:, None]]  # a blocked move finds some other view's, and is left out
+        nearer = (leads >= 0) & (away >= 0) & (away < self._away[views, targets][:, None])
+        self._goes_on, self._move = nearer.any(1), nearer.int().argmax(1) + self._first_move
+
+    def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
+        """The first move that brings it nearer, else the answer."""
+        self.look(observation, mask, first)
+        move, goes_on = self._move.to(mask.device), self._goes_on.to(mask.device)
+        legal = mask.gather(1, move[:, None]).squeeze(1)
+        return torch.where(goes_on & legal, move, self.name_class())
+
+
+class Look(NamedTuple):
+    """What a searcher sees."""
+
+    middle: float  # of the box, from -0.5 at the left to 0.5 at the right
+    area: float  # of the box as a fraction of the frame, 0 out of sight
+    stuck: bool  # the last move changed nothing
+
+    @property
+    def centred(self) -> bool:
+        """Whether the target is in sight and straight ahead."""
+        return self.area > 0 and abs(self.middle) <= CENTRED
+
+
+Search = Generator[str, Look, Look]
+"""Moves by name, each answered by what is seen then; returns what was seen last."""
+
+
+def object_search(look: Look) -> Search:
+    """Turn until the target is seen, centre it, and approach until it no longer grows; then it is over."""
+    while not look.area:
+        look = yield from _look_around(look)
+    look = yield from _centre(look)
+    detours = 0
+    while look.area:
+        before = look
+        look = yield "forward"
+        if look.stuck:
+            detours += 1
+            look = yield from _around(look)
+            if look.stuck or detours > DETOURS:
+                return look
+        elif look.area <= before.area:
+            # A step too far is taken back where it lost the target.
+            return look if look.area else (yield "backward")
+        if look.area:
+            look = yield from _centre(look)
+    return look
+
+
+def _look_around(look: Look) -> Search:
+    """Turn once around; where nothing is seen, go somewhere else."""
+    for _ in range(TURNS - 1):
+        look = yield "rotate_cw"
+        if look.area:
+            return look
+    for way in ("forward", "left", "right", "backward"):
+        look = yield way
+        if not look.stuck:
+            return look
+    return look
+
+
+def _centre(look: Look) -> Search:
+    """Turn towards the target while that helps; a turn that does not is taken back."""
+    while not look.centred:
+        before = look
+        turn, back = ("rotate_cw", "rotate_ccw") if look.middle > 0 else ("rotate_ccw", "rotate_cw")
+        look = yield turn
+        if look.stuck:
+            return look
+        if not look.area or abs(look.middle) >= abs(before.middle):
+            return (yield back)
+    return look
+
+
+def _around(blocked: Look) -> Search:
+    """Go around an obstacle, first on the side where the target is.
+
+    A step aside after which the way on is blocked too is taken back, unless it shows the target larger. What
+    is returned is `stuck` where neither side leads on.
+    """
+    for side, back in sorted((("left", "right"), ("right", "left")), reverse=blocked.middle > 0):
+        aside = yield side
+        if aside.stuck:
+            continue
+        ahead = yield "forward"
+        if not ahead.stuck or aside.area > blocked.area:
+            return ahead
+        yield back
+    return blocked
+
+
+class ObjectSearch(Trained):
+    """Searches by rule (see `object_search`); the network recognises at the end of the search."""
+
+    MOVES = ("forward", "backward", "left", "right", "rotate_cw", "rotate_ccw")
+
+    def __init__(self, network: LSDNet) -> None:
+        super().__init__(network, "object_search")
+        self._number = {name: move_of(network, name, self.name) for name in self.MOVES}
+        self._blocked = Blocked()
+
+    def begin(self, batch: int) -> None:
+        """Clear the memory and every search."""
+        super().begin(batch)
+        self._searches: list[Search | None] = [None] * batch
+
+    def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
+        """What each search wants next; the answer where it is over or nothing but answers is legal."""
+        self.look(observation, mask, first)
+        stuck = self._blocked.look(observation, first).tolist()
+        boxes = observation["target"][:, -1].tolist()
+        looks = [Look(box[0] - 0.5, box[2] * box[3] * box[4], s) for box, s in zip(boxes, stuck, strict=True)]
+        wanted = [
+            self._next(place, look, begins)
+            for place, (look, begins) in enumerate(zip(looks, first.tolist(), strict=True))
+        ]
+        move = torch.tensor(wanted, device=mask.device)
+        legal = (move >= 0) & mask.gather(1, move.clamp(min=0)[:, None]).squeeze(1)
+        return torch.where(legal, move, self.name_class())
+
+    def _next(self, place: int, look: Look, begins: bool) -> int:
+        """Number of the move that the search at a place of the batch wants, -1 where it is over."""
+        search = self._searches[place]
+        try:
+            if begins:
+                search = self._searches[place] = object_search(look)
+                return self._number[next(search)]
+            return -1 if search is None else self._number[search.send(look)]
+        except StopIteration:
+            self._searches[place] = None
+            return -1
+
+
+def move_of(network: LSDNet, name: str, player: str) -> int:
+    """Number of the action that makes a move.
+
+    Raises:
+        ConfigError: this world's moves have none of that name.
+    """
+    moves: Sequence[str] = network.tree.leaves[network.tree.branches.index(NAVIGATE)]
+    if name not in moves:
+        raise ConfigError(
+            f"{player} needs the move '{name}', and this world's are {', '.join(moves)}; leave it out here."
+        )
+    return network.tree.index(NAVIGATE, name)

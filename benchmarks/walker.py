@@ -1,0 +1,136 @@
+"""Views per second of the graph walker alone: a batch of episodes stepped and looked at, no network.
+
+The graph is as large as the published Active Vision Dataset: 20,916 views, 54,247 boxes with a crop each, 14
+scans, six moves, made up. A step takes the moves of a batch (drawn beforehand, one in twelve an answer) and
+gathers frame, crop and box of each, K = 1. What a single view moves is its bytes read and written; beside it
+stands what the machine copies from one large array to another, counted in the same way.
+
+    python benchmarks/walker.py --threads 2
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from activelsd.envs.episode import EpisodeRules
+from activelsd.envs.vector import ViewGraphVectorEnv
+from activelsd.envs.viewgraph import ViewGraph
+
+VIEWS, BOXES, SCANS, INSTANCES, MOVES = 20_916, 54_247, 14, 33, 6
+ANSWERS = 1 / 12
+BATCHES = (64, 128, 256, 512, 1024, 4096)
+
+
+def graph(size: int) -> ViewGraph:
+    """As large as the real one, its edges and boxes drawn within each scan."""
+    rng = np.random.default_rng(0)
+    scene_of = np.arange(VIEWS) * SCANS // VIEWS
+    first = np.searchsorted(scene_of, np.arange(SCANS + 1))
+    low, high = first[scene_of][:, None], first[scene_of + 1][:, None]
+    moves = rng.integers(low, high, (VIEWS, MOVES)).astype(np.int32)
+    moves[rng.random(moves.shape) < 0.25] = -1
+    target_scene = np.repeat(np.arange(SCANS), INSTANCES)
+    possible = np.argwhere(scene_of[:, None] == target_scene)
+    seen = possible[np.sort(rng.choice(len(possible), BOXES, replace=False))]
+    pair_of = np.full((VIEWS, len(target_scene)), -1, np.int32)
+    pair_of[seen[:, 0], seen[:, 1]] = np.arange(BOXES)
+    return ViewGraph(
+        frames=rng.integers(0, 256, (VIEWS, size, size), dtype=np.uint8),
+        moves=moves,
+        move_names=tuple(f"move_{i}" for i in range(MOVES)),
+        classes=tuple(f"class_{i}" for i in range(INSTANCES)),
+        targets=tuple(f"{scan}/{i % INSTANCES}" for i, scan in enumerate(target_scene)),
+        labels=np.arange(len(target_scene)) % INSTANCES,
+        scenes=tuple(f"scan_{i}" for i in range(SCANS)),
+        scene_of=scene_of.astype(np.int32),
+        view_names=tuple(map(str, range(VIEWS))),
+        start_view=seen[:, 0].astype(np.int32),
+        start_target=seen[:, 1].astype(np.int32),
+        start_split=np.zeros(BOXES, np.uint8),
+        pair_of=pair_of,
+        boxes=rng.random((BOXES, 4), np.float32),
+        crops=rng.integers(0, 256, (BOXES, size, size), dtype=np.uint8),
+    )
+
+
+def walker(views: ViewGraph, batch: int) -> Callable[[], int]:
+    """Steps of a batch; gives the views it stands for."""
+    env = ViewGraphVectorEnv(views, EpisodeRules(ends_on_wrong=True), num_envs=batch, frames=1)
+    env.begin(0)
+    drawn = torch.Generator().manual_seed(0)
+    actions = torch.randint(env.tree.n - MOVES, env.tree.n, (64, batch), generator=drawn)
+    actions[torch.rand(actions.shape, generator=drawn) < ANSWERS] = 0
+    turn = 0
+
+    def step() -> int:
+        nonlocal turn
+        env.advance(actions[turn % len(actions)])
+        env.observe()
+        turn += 1
+        return batch
+
+    return step
+
+
+def copier(megabytes: int = 256) -> Callable[[], int]:
+    """A copy between two arrays that fit no cache; gives the bytes read and written."""
+    source = torch.ones(megabytes * 2**20, dtype=torch.uint8)
+    target = torch.zeros_like(source)
+
+    def step() -> int:
+        target.copy_(source)
+        return 2 * len(source)
+
+    return step
+
+
+def rate(step: Callable[[], int], seconds: float) -> tuple[float, float]:
+    """What `step` gives per second of wall time and of CPU time."""
+    for _ in range(3):
+        step()
+    wall, cpu, done = time.perf_counter(), time.process_time(), 0
+    while time.perf_counter() - wall < seconds:
+        done += step()
+    return done / (time.perf_counter() - wall), done / (time.process_time() - cpu)
+
+
+def main() -> None:
+    """Print a table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seconds", type=float, default=1.0, help="per measurement")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--threads", type=int, default=2, help="torch threads")
+    parser.add_argument("--size", type=int, default=64, help="side of frames and crops in pixels")
+    options = parser.parse_args()
+    torch.set_num_threads(options.threads)
+
+    views = graph(options.size)
+    contestants = {batch: walker(views, batch) for batch in BATCHES}
+    copy = copier()
+    rates: dict[int, list[tuple[float, float]]] = {batch: [] for batch in BATCHES}
+    copied: list[float] = []
+    for _ in range(options.rounds):
+        copied.append(rate(copy, options.seconds)[0])
+        for batch, step in contestants.items():
+            rates[batch].append(rate(step, options.seconds))
+    moved = 2 * (2 * options.size**2 + 5 * 4)  # frame, crop and box, read and written
+    print(f"{options.size} px, {options.threads} torch thread(s), {moved} bytes read and written a view")
+    for batch, values in rates.items():
+        wall, cpu = (statistics.median(column) / 1e6 for column in zip(*values, strict=True))
+        print(
+            f"batch {batch:5}  {wall:5.2f} M views/s  {wall * moved / 1e3:5.1f} GB/s"
+            f"   {cpu:5.2f} M views per CPU-second"
+        )
+    print(f"copying 256 MiB arrays: {statistics.median(copied) / 1e9:.1f} GB/s")
+
+
+if __name__ == "__main__":
+    main()
