@@ -104,8 +104,8 @@ def searched(looks: list[Look], first: Look) -> list[str]:
     return moves
 
 
-def look(middle: float = 0.0, area: float = 0.0, stuck: bool = False) -> Look:
-    return Look(middle, area, stuck)
+def look(middle: float = 0.0, area: float = 0.0, stuck: bool = False, cut: bool = False) -> Look:
+    return Look(middle, area, cut, stuck)
 
 
 def test_object_search_goes_by_its_rules() -> None:
@@ -113,6 +113,11 @@ def test_object_search_goes_by_its_rules() -> None:
     assert searched(
         [look(), look(0.4, 0.1), look(-0.1, 0.1), look(0, 0.2), look(), look(0, 0.2)], look()
     ) == ["rotate_cw", "rotate_cw", "rotate_cw", "forward", "forward", "backward"]
+    # A step so near that the frame cuts it off is taken back; a start so near, too.
+    near = look(0, 0.3, cut=True)
+    assert searched([near, look(0, 0.2)], look(0, 0.2)) == ["forward", "backward"]
+    assert searched([near, look(0, 0.2)], near) == ["backward", "backward"]
+    assert searched([look(0, 0.3, True, True)], near) == ["backward"]
     # A turn that does not help is taken back.
     assert searched([look(-0.45, 0.1), look(-0.4, 0.1), look(-0.4, 0.1)], look(-0.4, 0.1)) == [
         "rotate_ccw",
