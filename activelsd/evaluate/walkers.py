@@ -25,6 +25,9 @@ CENTRED = 0.25
 TURNS, DETOURS = 12, 3
 """Turns that look all around, and obstacles gone around in an episode."""
 
+BORDER = 1e-3
+"""A box nearer than this to the frame's border, as a fraction of it, is cut off there."""
+
 
 class Blocked:
     """Notices moves that led nowhere: the picture is the one before."""
@@ -92,6 +95,7 @@ class Look(NamedTuple):
 
     middle: float  # of the box, from -0.5 at the left to 0.5 at the right
     area: float  # of the box as a fraction of the frame, 0 out of sight
+    cut: bool  # the box is at the frame's border: some of the target may be beyond
     stuck: bool  # the last move changed nothing
 
     @property
@@ -104,13 +108,25 @@ Search = Generator[str, Look, Look]
 """Moves by name, each answered by what is seen then; returns what was seen last."""
 
 
+def _look(target: Sequence[float], stuck: bool) -> Look:
+    """From the target's box and whether the last move changed nothing."""
+    cx, cy, width, height, present = target
+    edges = (cx - width / 2, cy - height / 2, 1 - cx - width / 2, 1 - cy - height / 2)
+    return Look(cx - 0.5, width * height * present, present > 0 and min(edges) < BORDER, stuck)
+
+
 def object_search(look: Look) -> Search:
-    """Turn until the target is seen, centre it, and approach until it no longer grows; then it is over."""
+    """Turn until the target is seen, centre it, and approach until it no longer grows; then it is over.
+
+    A step that brings it so near that the frame cuts it off is taken back.
+    """
     while not look.area:
         look = yield from _look_around(look)
     look = yield from _centre(look)
     detours = 0
     while look.area:
+        if look.cut:
+            return (yield from _back_off(look))
         before = look
         look = yield "forward"
         if look.stuck:
@@ -152,6 +168,13 @@ def _centre(look: Look) -> Search:
     return look
 
 
+def _back_off(look: Look) -> Search:
+    """Step back until the frame no longer cuts the target off."""
+    while look.cut and not look.stuck:
+        look = yield "backward"
+    return look
+
+
 def _around(blocked: Look) -> Search:
     """Go around an obstacle, first on the side where the target is.
 
@@ -188,8 +211,7 @@ class ObjectSearch(Trained):
         """What each search wants next; the answer where it is over or nothing but answers is legal."""
         self.look(observation, mask, first)
         stuck = self._blocked.look(observation, first).tolist()
-        boxes = observation["target"][:, -1].tolist()
-        looks = [Look(box[0] - 0.5, box[2] * box[3] * box[4], s) for box, s in zip(boxes, stuck, strict=True)]
+        looks = map(_look, observation["target"][:, -1].tolist(), stuck)
         wanted = [
             self._next(place, look, begins)
             for place, (look, begins) in enumerate(zip(looks, first.tolist(), strict=True))

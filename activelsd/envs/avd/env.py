@@ -14,7 +14,7 @@ from activelsd.envs.avd.datasets import sample_scans, scans_in
 from activelsd.envs.avd.prepare import prepare
 from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.avd.splits import HOMES, split_scans
-from activelsd.envs.avd.starts import frozen_list, read_scores, starts, starts_by_score
+from activelsd.envs.avd.starts import check_starts, frozen_list, read_scores, starts, starts_by_score
 from activelsd.envs.cache import default_cache
 from activelsd.envs.episode import PRESETS, EpisodeRules
 from activelsd.envs.graphenv import ViewGraphEnv
@@ -105,6 +105,7 @@ def avd_graph(
     )
     if scores is not None:
         graph = starts_by_score(graph, read_scores(graph, scores), threshold)
+    check_starts(graph)
     if per_target is not None:
         graph = frozen_list(graph, per_target)
     graph = with_oracle(with_moves(graph, navigate))

@@ -43,9 +43,6 @@ def starts(
         max_difficulty: of the start's box, as annotated, 1 (easiest) to 5.
         min_size: of the start's box: its larger side as a fraction of the frame.
         max_size: the same.
-
-    Raises:
-        DataError: nothing is left.
     """
     assert graph.pair_of is not None
     assert graph.boxes is not None
@@ -59,14 +56,11 @@ def starts(
     view, target = np.nonzero(shown)
     split_of = _split_of_target(graph, split)[target]
     kept = split_of >= 0
-    return _checked(
-        replace(
-            graph,
-            start_view=view[kept].astype(np.int32),
-            start_target=target[kept].astype(np.int32),
-            start_split=split_of[kept].astype(np.uint8),
-        ),
-        "env.starts",
+    return replace(
+        graph,
+        start_view=view[kept].astype(np.int32),
+        start_target=target[kept].astype(np.int32),
+        start_split=split_of[kept].astype(np.uint8),
     )
 
 
@@ -97,7 +91,7 @@ def starts_by_score(graph: ViewGraph, scores: Scores, threshold: float = 0.9) ->
     said = np.append(scores.right, False)[graph.pair_of]
     mixed = np.any(seen & said, axis=0) & np.any(seen & ~said, axis=0)
     unsure = np.append(scores.score < threshold, False)[pair]
-    return _checked(_kept(graph, unsure & mixed[graph.start_target]), "env.starts.scores")
+    return _kept(graph, unsure & mixed[graph.start_target])
 
 
 def frozen_list(graph: ViewGraph, per_target: int, seed: int = 0) -> ViewGraph:
@@ -119,11 +113,11 @@ def _kept(graph: ViewGraph, keep: NDArray[np.bool_]) -> ViewGraph:
     )
 
 
-def _checked(graph: ViewGraph, setting: str) -> ViewGraph:
+def check_starts(graph: ViewGraph) -> None:
+    """Raise DataError where the filters leave nothing to train on or to test."""
     for split in ("train", "test"):
         if not (graph.start_split == SPLITS.index(split)).any():
-            raise DataError(f"No episode can start in the '{split}' split; ask less of {setting}.")
-    return graph
+            raise DataError(f"No episode can start in the '{split}' split; ask less of env.starts.")
 
 
 def write_scores(graph: ViewGraph, scores: Scores, file: Path) -> None:

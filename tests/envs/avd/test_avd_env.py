@@ -22,7 +22,7 @@ from activelsd.envs.avd.env import AVDEnv, avd_graph, by_category, make_vector, 
 from activelsd.envs.avd.prepare import prepare
 from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.avd.splits import split_scans
-from activelsd.envs.avd.starts import Scores, frozen_list, read_scores, starts, write_scores
+from activelsd.envs.avd.starts import Scores, check_starts, frozen_list, read_scores, starts, write_scores
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, load_graph
 from activelsd.errors import ConfigError, DataError
 from tests.envs.avd.homes import INSTANCES, write_homes
@@ -127,7 +127,7 @@ def test_starts_are_filtered(prepared: ViewGraph) -> None:
     assert len(everywhere.start_view) == 6 * 4 * 4, "every view of the target's own home"
     assert homes_of(everywhere, "test") == {"Home_006_1"}
     with pytest.raises(DataError, match=r"No episode can start in the 'train' split; ask less of env.starts"):
-        starts(prepared, split, min_size=0.99)
+        check_starts(starts(prepared, split, min_size=0.99))
 
 
 def test_the_frozen_list_is_drawn_once_and_for_all(prepared: ViewGraph) -> None:
