@@ -1,0 +1,1 @@
+"""Recorded walks through real homes: the Active Vision Dataset, and scans of the same format made here."""
