@@ -5,6 +5,7 @@ A home is one furnished room. Its scans share the furniture and differ in where 
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from typing import NamedTuple
@@ -21,7 +22,8 @@ from activelsd.envs.rooms.smallthings import KINDS, small_thing
 from activelsd.errors import ConfigError
 
 DEFAULT_SCANS: tuple[str, ...] = (
-    "Home_001_1", "Home_002_1", "Home_003_1", "Home_004_1", "Home_005_1", "Home_006_1", "Home_008_1", "Home_014_1",
+    "Home_001_1", "Home_002_1", "Home_003_1", "Home_004_1", "Home_005_1", "Home_006_1", "Home_008_1",
+    "Home_014_1",
 )  # fmt: skip
 """A handful of homes: enough to train on some and to validate and test on others."""
 
@@ -42,9 +44,10 @@ MOVES = ("rotate_ccw", "rotate_cw", "forward", "backward", "left", "right")
 
 _TURNED = {"forward": 0, "left": 90, "backward": 180, "right": 270}  # degrees from the heading
 _STANDING = 20  # instances in a scan, following one another in INSTANCES, so that there are look-alikes
-_STRIDE = 14  # by which those of the next home begin further on: homes 1 to 5 have each instance twice or more
+_STRIDE = 14  # by which those of the next home begin further: homes 1 to 5 have each instance twice or more
 _CLUTTER = 4  # other small things in a scan
 _STEP, _RADIUS = 0.3, 0.2  # metres
+_FREE = (48, 68)  # points of the grid
 _EYE, _PITCH = 1.3, -12.0  # metres above the floor, degrees
 _FOCAL = 1070 / 1920  # of the picture's width
 _SCAN = re.compile(r"(Home|Office|Gen)_(\d{3})_([1-9])")
@@ -95,7 +98,7 @@ class Home:
         scan = parsed(name)
         home = (seed, scan.place, scan.scene)
         small = _instances(scan) + _clutter((*home, scan.scan))
-        self.room: Room = set_out(furnish(Embedded(), home), small, (*home, scan.scan))
+        self.room: Room = set_out(_furnished(home), small, (*home, scan.scan))
         self.lattice: Lattice = draw_lattice(self.room, step=_STEP, radius=_RADIUS)
         names = [thing.model.name for thing in self.room.things]
         ids = [INSTANCES.index(name) + 1 if name in INSTANCES else 0 for name in names]
@@ -120,8 +123,8 @@ class Home:
     def move(self, point: int, heading: int, move: str) -> tuple[int, int] | None:
         """Point and heading that a move leads to, None where it is blocked.
 
-        A step goes along the axis of the grid that is nearest to its direction, never more than 30 degrees off
-        it; so each step can be taken back, and three headings share a way.
+        A step goes along the axis of the grid that is nearest to its direction, never more than 30 degrees
+        off it; so each step can be taken back, and three headings share a way.
         """
         if move == "rotate_cw":
             return point, (heading + 1) % HEADINGS
@@ -134,6 +137,15 @@ class Home:
 
 def _yaw(heading: int) -> float:
     return -360.0 / HEADINGS * heading
+
+
+def _furnished(home: tuple[int, ...]) -> Room:
+    """The first room of a home's seeds that leaves as many points as a small recorded home has."""
+    for attempt in itertools.count():
+        room = furnish(Embedded(), (*home, attempt))
+        if _FREE[0] <= len(draw_lattice(room, step=_STEP, radius=_RADIUS).points) <= _FREE[1]:
+            return room
+    raise AssertionError
 
 
 def _instances(scan: Scan) -> list[Model]:

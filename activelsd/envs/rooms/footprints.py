@@ -50,7 +50,7 @@ def overlap(a: Rect, b: Rect) -> bool:
 
 
 def clearance(rect: Rect, starts: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance (P,) between a rectangle and the segments from starts (P, 2) to ends (P, 2); 0 if they meet."""
+    """Distance (P,) of a rectangle from the segments from starts (P, 2) to ends (P, 2); 0 if they meet."""
     a, b = rect.local(starts), rect.local(ends)
     half = np.array([rect.half_x, rect.half_y])
     nearest = np.minimum(_outside(a, half), _outside(b, half))
@@ -62,7 +62,8 @@ def clearance(rect: Rect, starts: NDArray[np.float64], ends: NDArray[np.float64]
 def _outside(points: NDArray[np.float64], half: NDArray[np.float64]) -> NDArray[np.float64]:
     """Distance (P,) of points (P, 2) from the rectangle of those half sides about the origin."""
     beyond = np.maximum(np.abs(points) - half, 0.0)
-    return np.hypot(beyond[:, 0], beyond[:, 1])
+    distance: NDArray[np.float64] = np.hypot(beyond[:, 0], beyond[:, 1])
+    return distance
 
 
 def _to_segment(
@@ -72,12 +73,11 @@ def _to_segment(
     length = np.maximum((along**2).sum(axis=1), 1e-12)
     share = np.clip(((point - a) * along).sum(axis=1) / length, 0.0, 1.0)
     gap = a + share[:, None] * along - point
-    return np.hypot(gap[:, 0], gap[:, 1])
+    distance: NDArray[np.float64] = np.hypot(gap[:, 0], gap[:, 1])
+    return distance
 
 
-def _crosses(
-    a: NDArray[np.float64], b: NDArray[np.float64], half: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _crosses(a: NDArray[np.float64], b: NDArray[np.float64], half: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Whether segments have a point strictly inside the rectangle about the origin (clipping by slabs)."""
     along = b - a
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -87,4 +87,5 @@ def _crosses(
     enter = np.where(parallel, np.where(inside, -np.inf, np.inf), np.minimum(one, two))
     leave = np.where(parallel, np.where(inside, np.inf, -np.inf), np.maximum(one, two))
     first, last = np.maximum(enter.max(axis=1), 0.0), np.minimum(leave.min(axis=1), 1.0)
-    return first < last
+    crossing: NDArray[np.bool_] = first < last
+    return crossing

@@ -18,8 +18,8 @@ def bed(rng: np.random.Generator) -> Mesh:
     parts = [
         box((-w / 2, -d / 2, 0.08), (w / 2, d / 2, low)),
         box((-w / 2 + 0.02, -d / 2 + 0.02, low), (w / 2 - 0.02, d / 2 - 0.06, high)),
-        box((-w / 2, d / 2 - 0.05, 0.0), (w / 2, d / 2, high + float(rng.uniform(0.25, 0.45)))),
-        box((-w / 2, -d / 2, 0.0), (w / 2, -d / 2 + 0.04, low + 0.05)),
+        box((-w / 2, d / 2 - 0.04, 0.0), (w / 2, d / 2 + 0.01, high + float(rng.uniform(0.25, 0.45)))),
+        box((-w / 2, -d / 2 - 0.01, 0.0), (w / 2, -d / 2 + 0.03, low + 0.05)),
     ]
     pillows = 1 if w < 1.2 else 2
     wide = (w - 0.1) / pillows

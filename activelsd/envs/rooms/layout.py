@@ -27,7 +27,10 @@ _GAP = 0.04  # metres between neighbours, and from the wall behind
 _PASSAGE = 0.55  # metres around what stands free, for an agent to pass
 _COVERED = 0.42  # most share of the floor under furniture
 _FEWEST, _MOST = 6, 12  # pieces of furniture
-_ROUNDS = 6  # through the kinds of furniture
+_ALIKE = 2  # most pieces of one kind
+_NUMBERS = 10_000  # of a kind's pieces that are drawn from
+_ROUNDS = 2  # through the kinds
+_ATTEMPTS = 8  # at a room
 _TRIES = 60  # at a place
 _LOWEST_SILL = 0.9  # metres; what is higher does not stand before a window
 _ON_FLOOR = 0.08  # share of small things put there even where there are surfaces
@@ -99,17 +102,14 @@ def furnish(
     width, depth = (float(side) for side in rng.uniform(*_SIZES, 2)) if size is None else size
     plan = draw_plan(rng, width, depth, ceiling=ceiling)
     shell = draw_shell(rng, plan)
-    names = list(library.kinds if kinds is None else kinds)
-    things: list[Placed] = []
-    for i in np.concatenate([rng.permutation(len(names)) for _ in range(_ROUNDS)]):
-        if len(things) == wanted:
+    names = library.kinds if kinds is None else kinds
+    for _ in range(_ATTEMPTS):
+        things = _filled(rng, plan, library, names, wanted)
+        if len(things) >= (_FEWEST if pieces is None else pieces):
             break
-        if sum(thing.model.kind == names[i] for thing in things) < 2:
-            placed = _place(rng, plan, library.model(names[i], int(rng.integers(10_000))), things)
-            things += [placed] if placed is not None else []
-    if len(things) < (_FEWEST if pieces is None else pieces):
+    else:
         raise DataError(
-            f"Only {len(things)} of {wanted} pieces of furniture fit into a room of {width:.1f} by {depth:.1f} m;"
+            f"{wanted} pieces of furniture do not fit into a room of {width:.1f} by {depth:.1f} m;"
             " ask for fewer or a larger room."
         )
     x, y = width * rng.uniform(0.4, 0.6), depth * rng.uniform(0.4, 0.6)
@@ -134,6 +134,20 @@ def set_out(room: Room, small: Sequence[Model], seed: int | Sequence[int]) -> Ro
             placed = _put(rng, model, things, supports, areas / areas.sum())
         things.append(placed or _lay(rng, room.plan, model, things))
     return replace(room, things=tuple(things))
+
+
+def _filled(
+    rng: np.random.Generator, plan: Plan, library: Library, names: Sequence[str], wanted: int
+) -> list[Placed]:
+    """Up to as many pieces of furniture as wanted, from nothing."""
+    things: list[Placed] = []
+    for i in np.concatenate([rng.permutation(len(names)) for _ in range(_ROUNDS)]):
+        if len(things) == wanted:
+            break
+        if sum(thing.model.kind == names[i] for thing in things) < _ALIKE:
+            placed = _place(rng, plan, library.model(names[i], int(rng.integers(_NUMBERS))), things)
+            things += [placed] if placed is not None else []
+    return things
 
 
 def _place(rng: np.random.Generator, plan: Plan, model: Model, things: Sequence[Placed]) -> Placed | None:

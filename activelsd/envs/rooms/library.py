@@ -87,15 +87,22 @@ _MAKERS: Mapping[str, Callable[[np.random.Generator], Mesh]] = {
 }
 
 _WOODS: tuple[Colour, ...] = ((150, 104, 62), (196, 158, 108), (98, 64, 42), (214, 190, 150), (122, 78, 60))
-_PAINTS: tuple[Colour, ...] = ((226, 224, 216), (84, 104, 116), (62, 66, 72), (140, 154, 128), (186, 172, 152))
+_PAINTS: tuple[Colour, ...] = (
+    (226, 224, 216),
+    (84, 104, 116),
+    (62, 66, 72),
+    (140, 154, 128),
+    (186, 172, 152),
+)
 _CLOTHS: tuple[Colour, ...] = ((116, 124, 138), (150, 66, 58), (74, 96, 84), (190, 176, 150), (70, 78, 110))
 _SOFT = frozenset({"armchair", "bed", "sofa"})
 _TRIMS: tuple[Colour, ...] = (
-    (206, 200, 186), (52, 50, 52), (168, 58, 48), (54, 86, 132), (196, 164, 70), (88, 112, 82), (160, 164, 170),
+    (206, 200, 186), (52, 50, 52), (168, 58, 48), (54, 86, 132), (196, 164, 70), (88, 112, 82),
+    (160, 164, 170),
 )  # fmt: skip
 
 _MINOR = 0.02
-"""Share of the whole's bounding box below which a part, such as a book or a handle, has a colour of its own."""
+"""Share of the whole's bounding box below which a part, like a book or a handle, has another colour."""
 
 
 class Library(Protocol):
@@ -200,7 +207,7 @@ def _by_parts(mesh: Mesh, trims: int) -> NDArray[np.int32]:
 
 
 def _squared(mesh: Mesh) -> Mesh:
-    """The mesh turned about z so that its smallest bounding rectangle lies along the axes, the nearest way."""
+    """The mesh turned about z so that its smallest bounding rectangle lies along the axes."""
     plan = mesh.vertices[np.unique(mesh.faces), :2]
     _, _, degrees = cv2.minAreaRect(np.ascontiguousarray(plan, dtype=np.float32))
     return turn(mesh, -((degrees + 45.0) % 90.0 - 45.0))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,8 @@ from activelsd.envs.modelnet.shapes.solids import join
 from activelsd.envs.rooms.textures import Material
 
 
-class Model(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Model:
     """An object in its own coordinates: metres, z up, its front towards -y.
 
     It stands on z = 0 with the middle of its bounding box over the origin.
@@ -30,7 +32,7 @@ class Model(NamedTuple):
         """Kind and number as one word."""
         return f"{self.kind}_{self.number}"
 
-    @property
+    @cached_property
     def size(self) -> tuple[float, float, float]:
         """Width, depth and height in metres."""
         width, depth, height = np.ptp(self.mesh.vertices[np.unique(self.mesh.faces)], axis=0)

@@ -120,7 +120,7 @@ class RoomRenderer:
         things: NDArray[np.int32],
         depth: NDArray[np.float32],
     ) -> None:
-        """Fill colour (P, 3), things (P,) and depth (P,) of rays (P, 3) of length 1 along the camera's axis."""
+        """Fill colour (P, 3), things (P,) and depth (P,) of rays (P, 3), each 1 long along the axis."""
         found = self._scene.run(np.broadcast_to(eye, rays.shape), rays, output=1)
         face = found["primID"]
         missed = face < 0
@@ -185,9 +185,11 @@ def _normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
     """Unit normals (M, 3); zero for a face without area."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float64)
     length = np.sqrt(np.square(across).sum(axis=1, keepdims=True))
-    return np.divide(across, length, out=np.zeros_like(across), where=length > 0).astype(np.float32)
+    normals = np.divide(across, length, out=np.zeros_like(across), where=length > 0)
+    return np.asarray(normals, np.float32)
 
 
 def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
     """Dot products along the last axis, written out: a BLAS may round differently by machine and threads."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+    products: NDArray[np.float32] = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+    return products

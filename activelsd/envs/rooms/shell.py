@@ -31,7 +31,7 @@ _FLOORS: tuple[Material, ...] = (
     Material((176, 134, 88), (150, 110, 68), "stripes", 0.24, 0),
     Material((120, 84, 58), (104, 70, 46), "stripes", 0.3, 1),
     Material((206, 202, 194), (168, 166, 160), "checks", 0.8),
-    Material((132, 126, 118), (122, 116, 110), "grain", 0.02, 0),
+    Material((132, 126, 118)),
     Material((190, 160, 124), (172, 142, 106), "stripes", 0.2, 1),
 )
 
@@ -105,7 +105,9 @@ def draw_shell(rng: np.random.Generator, plan: Plan) -> Model:
     for wall in WALLS:
         striped = wall_paint if wall in ("south", "north") else other
         opening = next((o for o in plan.openings if o.wall == wall), None)
-        parts += [(_stood(plan, wall, mesh), m) for mesh, m in _wall(plan, wall, opening, striped, trim, leaf)]
+        parts += [
+            (_stood(plan, wall, mesh), m) for mesh, m in _wall(plan, wall, opening, striped, trim, leaf)
+        ]
     if plan.ceiling:
         parts.append((box((-THICK, -THICK, h), (w + THICK, d + THICK, h + 0.1)), Material((238, 236, 230))))
     materials = tuple(dict.fromkeys(material for _, material in parts))

@@ -90,8 +90,10 @@ def boxed(corners: NDArray[np.float64], base: Rect, low: float, high: float) -> 
     """Which triangles (M, 3, 3) reach into an upright box (separating axes, Akenine-Möller 2001)."""
     local = np.concatenate([base.local(corners[..., :2]), corners[..., 2:] - (low + high) / 2], axis=-1)
     half = np.array([base.half_x, base.half_y, (high - low) / 2])
-    near = (np.abs(local.min(axis=1) + local.max(axis=1)) / 2 < half + np.ptp(local, axis=1) / 2).all(axis=1)
-    inside = near.copy()
+    near: NDArray[np.bool_] = (
+        np.abs(local.min(axis=1) + local.max(axis=1)) / 2 < half + np.ptp(local, axis=1) / 2
+    ).all(axis=1)
+    inside: NDArray[np.bool_] = near.copy()
     tri = local[near]
     edges = np.roll(tri, -1, axis=1) - tri  # (K, 3, 3)
     crossed = np.cross(np.eye(3)[None, :, None], edges[:, None]).reshape(len(tri), 9, 3)
