@@ -1,4 +1,4 @@
-"""What stands where: nothing inside anything else, small things on real surfaces, rooms replayed by a seed."""
+"""What stands where: nothing in anything else, small things on real surfaces, replayed by a seed."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def test_a_thing_is_where_the_camera_projects_it():
     eye = camera(yaw=-10.0, pitch=5.0, width=161, height=121)
     picture = RoomRenderer(room_with(thing)).look(eye)
     rows, columns = np.nonzero(picture.things == 0)
-    corners = thing.model.mesh.vertices + (thing.x, thing.y, thing.z)
+    corners = thing.model.mesh.vertices + np.array([thing.x, thing.y, thing.z])
     x, y, z = eye.axes @ (corners - (eye.x, eye.y, eye.z)).T
     u, v = eye.focal * x / z + 80.5, eye.focal * y / z + 60.5
     assert columns.min() == pytest.approx(u.min(), abs=1)
