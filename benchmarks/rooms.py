@@ -28,7 +28,8 @@ from activelsd.envs.rooms.smallthings import KINDS, small_thing
 def finer(placed: Placed) -> Placed:
     """The thing with every triangle cut into four."""
     model = placed.model
-    vertices, faces, index = subdivide(model.mesh.vertices, model.mesh.faces, return_index=True)
+    cut = subdivide(model.mesh.vertices, model.mesh.faces, return_index=True)  # type: ignore[no-untyped-call]
+    vertices, faces, index = cut
     origin = np.empty(len(faces), np.int64)
     for old, new in index.items():
         origin[new] = old
