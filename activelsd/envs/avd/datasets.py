@@ -72,10 +72,14 @@ def sample_scans(
         seed: draws homes and things.
         progress: called with what is done and what there is in all.
     """
-    from activelsd.envs.avd.writer import DEFAULT_SCANS, _code, write_sample
+    from activelsd.envs.avd.homes import DEFAULT_SCANS
+    from activelsd.envs.avd.writer import (
+        code_digest,
+        write_sample,
+    )  # rooms and embree, which real scans do without
 
     names = tuple(scans or (PUBLISHED if split in TEST_SCANS else DEFAULT_SCANS))
-    digest = hashlib.sha256(" ".join([*names, _code()]).encode()).hexdigest()[:8]
+    digest = hashlib.sha256(" ".join([*names, code_digest()]).encode()).hexdigest()[:8]
     root = cache / f"avd-sample-{width}x{height}-seed{seed}-{digest}"
     if root.is_dir():
         return root

@@ -19,6 +19,7 @@ from activelsd.build import build_graph
 from activelsd.compose import resolve
 from activelsd.envs.avd.categories import category_of
 from activelsd.envs.avd.env import AVDEnv, avd_graph, by_category, make_vector, with_moves
+from activelsd.envs.avd.homes import DEFAULT_SCANS
 from activelsd.envs.avd.prepare import prepare
 from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.avd.splits import split_scans
@@ -210,14 +211,12 @@ def test_settings_reach_the_world(root: Path) -> None:
 class Writer(ModuleType):
     """Stands in for the writer of sample scans: homes of a few photographs, and what it was asked for."""
 
-    DEFAULT_SCANS = ("Home_001_1", "Home_002_1")
-
     def __init__(self) -> None:
         super().__init__("activelsd.envs.avd.writer")
         self.asked: list[tuple[Sequence[str], int, int, int]] = []
 
     @staticmethod
-    def _code() -> str:
+    def code_digest() -> str:
         return "this"
 
     def write_sample(
@@ -244,10 +243,10 @@ def test_the_sample_is_made_once_and_called_what_it_is(
     words = ["env=avd", f"env.cache={tmp_path}", "env.size=32"]
     assert cli.main(["prepare", *words, "env.dataset=sample"]) == 0
     said = capsys.readouterr().out
-    assert "8 objects of 4 classes" in said
-    assert "8 views of 32 pixels" in said
+    assert "32 objects of 4 classes" in said
+    assert "32 views of 32 pixels" in said
     assert cli.main(["prepare", *words]) == 0
-    assert writer.asked == [(("Home_001_1", "Home_002_1"), 480, 270, 0)]
+    assert writer.asked == [(DEFAULT_SCANS, 480, 270, 0)]
     (sample,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert AVDEnv(cache=tmp_path, size=32).backend == "avd-sample"
     assert AVDEnv(path=sample, cache=tmp_path, size=32).backend == "avd-sample", "it has the writer's note"

@@ -1,0 +1,116 @@
+"""Furniture and small things: sound models, the same whenever asked for, look-alikes but for a label."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from activelsd.envs.rooms.library import SIZES, Embedded, MeshFolder
+from activelsd.envs.rooms.smallthings import KINDS, LABELS, small_thing
+from activelsd.errors import DataError
+
+
+def check(model):
+    vertices, faces = model.mesh
+    used = vertices[np.unique(faces)]
+    assert np.isfinite(vertices).all()
+    assert len(model.paint) == len(faces)
+    assert model.paint.min() >= 0
+    assert model.paint.max() < len(model.materials)
+    np.testing.assert_allclose(used.min(axis=0)[2], 0.0, atol=1e-5)
+    np.testing.assert_allclose(used.min(axis=0)[:2], -used.max(axis=0)[:2], atol=1e-4)
+
+
+def same(a, b):
+    return (
+        a.mesh.vertices.tobytes() == b.mesh.vertices.tobytes()
+        and a.mesh.faces.tobytes() == b.mesh.faces.tobytes()
+        and a.paint.tobytes() == b.paint.tobytes()
+        and a.materials == b.materials
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_small_things_are_sound_and_small(kind):
+    for number in range(10):
+        model = small_thing(kind, number)
+        check(model)
+        assert 0.05 < max(model.size) < 0.4
+        assert same(model, small_thing(kind, number))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_family_shares_all_but_the_label(kind):
+    """Same geometry; the paint differs, and only where it is seen from the front half."""
+    family = [small_thing(kind, number) for number in range(len(LABELS))]
+    first = family[0]
+    colours = [np.array([m.materials[p].colour for p in m.paint]) for m in family]
+    middles = first.mesh.vertices[first.mesh.faces].mean(axis=1)
+    for other, colour in zip(family[1:], colours[1:], strict=True):
+        np.testing.assert_array_equal(other.mesh.vertices, first.mesh.vertices)
+        differs = (colour != colours[0]).any(axis=1)
+        assert differs.any()
+        if kind != "laptop":  # the label of a laptop is on its screen
+            assert (middles[differs, 1] < 0.01).all()
+    stranger = small_thing(kind, len(LABELS))
+    assert not np.array_equal(stranger.mesh.vertices, first.mesh.vertices)
+
+
+def test_labels_differ_in_gray_by_many_cells():
+    cells = [np.array([[cell == "#" for cell in row] for row in label]) for label in LABELS]
+    for i, one in enumerate(cells):
+        for other in cells[:i]:
+            assert (one != other).sum() >= 3
+
+
+@pytest.mark.parametrize("kind", Embedded.kinds)
+def test_furniture_is_sound_and_of_its_kinds_size(kind):
+    library = Embedded()
+    for number in range(6):
+        model = library.model(kind, number)
+        check(model)
+        width, _, height = model.size
+        extent = height if SIZES[kind].extent == "height" else max(width, height)
+        assert SIZES[kind].low - 1e-4 <= extent <= SIZES[kind].high + 1e-4
+        assert same(model, library.model(kind, number))
+
+
+def test_unknown_kinds_are_refused():
+    with pytest.raises(DataError, match=r"'sofas'.*did you mean sofa"):
+        Embedded().model("sofas", 0)
+    with pytest.raises(DataError, match=r"'cam'.*did you mean can"):
+        small_thing("cam", 0)
+
+
+def test_a_folder_of_meshes_is_furniture_too(tmp_path):
+    """Found by its classes' names, squared up, in metres whatever the unit of the file."""
+    plan = np.array([(-3, -1), (3, -1), (3, 1), (-3, 1)]) @ np.array([(0.8, 0.6), (-0.6, 0.8)])
+    corners = [(*xy, z) for z in (0, 4) for xy in plan]
+    faces = ["3 0 1 2", "3 0 2 3", "3 4 5 6", "3 4 6 7", "3 0 1 5", "3 0 5 4", "3 2 3 7", "3 2 7 6"]
+    text = f"OFF\n8 {len(faces)} 0\n" + "\n".join(f"{x} {y} {z}" for x, y, z in corners)
+    for split in ("train", "test"):
+        for kind in ("table", "person"):
+            folder = tmp_path / kind / split
+            folder.mkdir(parents=True)
+            (folder / f"{kind}_{split}.off").write_text(text + "\n" + "\n".join(faces) + "\n")
+    library = MeshFolder(tmp_path)
+    assert library.kinds == ("table",)
+    width, depth, height = library.model("table", 5).size
+    assert SIZES["table"].low <= height <= SIZES["table"].high
+    np.testing.assert_allclose((width, depth), (1.5 * height, 0.5 * height), rtol=1e-3)
+    check(library.model("table", 5))
+
+
+def test_a_folder_without_furniture_is_refused(tmp_path):
+    for split in ("train", "test"):
+        (tmp_path / "car" / split).mkdir(parents=True)
+        (tmp_path / "car" / split / f"{split}.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 1\n3 0 1 2\n")
+    with pytest.raises(DataError, match="no class of furniture"):
+        MeshFolder(tmp_path)
+
+
+def test_real_meshes(furniture):
+    library = MeshFolder(furniture)
+    assert {"bed", "chair", "sofa", "table"} <= set(library.kinds)
+    for kind in library.kinds:
+        check(library.model(kind, 3))
