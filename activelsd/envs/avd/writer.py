@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import lru_cache
 from importlib import resources
+from io import BytesIO
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,6 +38,7 @@ _POINTS = 4
 _JPEG_QUALITY, _PNG_COMPRESSION = 93, 1
 _MILLIMETRES = 1000
 _MOST_DEPTH = 65_535  # millimetres
+_MAT_HEADER = b"MATLAB 5.0 MAT-file".ljust(116)  # SciPy would put the time of day there
 _SOURCES = (
     ("activelsd.envs.avd", ("homes.py", "boxes.py", "writer.py")),
     ("activelsd.envs.rooms", None),
@@ -223,7 +225,10 @@ def _complete(root: Path, job: _Job, boxes: dict[str, list[Box]]) -> None:
     home, folder = _home(job.scan, job.seed), Path(job.folder)
     (folder / "annotations.json").write_text(json.dumps(_annotations(home, job.scan, boxes)))
     scale = float(np.random.default_rng((job.seed, *parsed(job.scan))).uniform(200, 900))
-    savemat(folder / "image_structs.mat", {"image_structs": _structs(home, job, scale), "scale": scale})
+    matrices = BytesIO()
+    savemat(matrices, {"image_structs": _structs(home, job, scale), "scale": scale})
+    undated = _MAT_HEADER + matrices.getvalue()[len(_MAT_HEADER) :]
+    (folder / "image_structs.mat").write_bytes(undated)
     (folder / "present_instance_names.txt").write_text("\n".join(home.present) + "\n")
     (folder / "cameras.txt").write_text(_camera_text(home.camera(0, 0, job.width, job.height)))
     folder.rename(root / job.scan)
