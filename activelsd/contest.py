@@ -9,12 +9,15 @@ from activelsd.build import build_device, build_graph, build_rules
 from activelsd.compose import change, load
 from activelsd.config import RunConfig, World
 from activelsd.console import progress
+from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import ViewGraph
-from activelsd.errors import ConfigError, did_you_mean
+from activelsd.errors import ConfigError, RunError, did_you_mean
 from activelsd.evaluate import files
 from activelsd.evaluate.compare import Comparison, Entrant, compare
 from activelsd.evaluate.players import BASELINES
 from activelsd.policy.checkpoint import load_network
+from activelsd.policy.lsdnet import LSDNet
+from activelsd.policy.transfer import narrow
 from activelsd.train.run import CONFIG, Run
 
 CHANGEABLE = ("evaluate", "device", "threads", "env.cache")
@@ -24,14 +27,14 @@ RUNS = Path("runs")
 """Where the newest run is looked for when none is named."""
 
 
-def evaluate(folders: Sequence[str], words: Sequence[str]) -> tuple[Comparison, list[Path]]:
+def evaluate(folders: Sequence[str], words: Sequence[str]) -> tuple[list[Comparison], list[Path]]:
     """Measure one run by itself; what is written, `evaluation.json` and so on, leaves comparisons alone."""
     return _play(folders, (), words, "evaluation")
 
 
 def contest(
     folders: Sequence[str], baselines: Sequence[str], words: Sequence[str]
-) -> tuple[Comparison, list[Path]]:
+) -> tuple[list[Comparison], list[Path]]:
     """Play runs and baselines on the same episodes, and write what came of it into the first run's folder.
 
     Args:
@@ -47,7 +50,7 @@ def contest(
 
 def _play(
     folders: Sequence[str], baselines: Sequence[str], words: Sequence[str], stem: str
-) -> tuple[Comparison, list[Path]]:
+) -> tuple[list[Comparison], list[Path]]:
     for name in baselines:  # before anything is opened: worlds take a while
         if name not in BASELINES:
             raise ConfigError(f"There is no baseline '{name}'; {did_you_mean(name, BASELINES)}")
@@ -58,36 +61,65 @@ def _play(
     ]
     how = configs[0]
     device = build_device(how.device, how.threads)
-    graphs: dict[World, ViewGraph] = {}
     names = ["trained"] if len(runs) == 1 else [run.folder.name for run in runs]
-    entrants = [
-        _entrant(name, run, config, graphs, device)
-        for name, run, config in zip(names, runs, configs, strict=True)
-    ]
-    with progress("Playing episodes") as show:
-        comparison = compare(
-            entrants,
-            baselines,
-            split=how.evaluate.split,
-            per_object=how.evaluate.episodes_per_object,
-            seed=how.evaluate.seed,
-            device=device,
-            progress=show,
-        )
-    return comparison, files.write(comparison, runs[0].folder, stem)
+    networks = [load_network(run.checkpoint, device) for run in runs]
+    playing = _playing(names, configs)
+    graphs: dict[World, ViewGraph] = {}
+    comparisons: list[Comparison] = []
+    written: list[Path] = []
+    for world, players in playing.items():
+        entrants = []
+        for i, settings in players.items():
+            if settings not in graphs:  # runs of the same world share its views
+                with progress("Rendering objects") as show:
+                    graphs[settings] = build_graph(settings, show)
+            joint = len(configs[i].worlds) > 1
+            entrants.append(_entrant(names[i], networks[i], world, settings, graphs[settings], joint=joint))
+        with progress("Playing episodes") as show:
+            comparison = compare(
+                entrants,
+                baselines,
+                split=how.evaluate.split,
+                per_object=how.evaluate.episodes_per_object,
+                seed=how.evaluate.seed,
+                device=device,
+                progress=show,
+            )
+        comparisons.append(comparison)
+        written += files.write(comparison, runs[0].folder, stem if len(playing) == 1 else f"{stem}_{world}")
+    return comparisons, written
 
 
-def _entrant(name: str, run: Run, config: RunConfig, graphs: dict[World, ViewGraph], device: str) -> Entrant:
-    """A run with its world; runs of the same world share its views."""
-    network = load_network(run.checkpoint, device)
-    if config.env not in graphs:
-        with progress("Rendering objects") as show:
-            graphs[config.env] = build_graph(config.env, show)
+def _playing(names: Sequence[str], configs: Sequence[RunConfig]) -> dict[str, dict[int, World]]:
+    """Per world of the first run, the runs that play in it, by their number, with their settings of it.
+
+    Of runs with one world each, all play; the worlds of others go by their names.
+    """
+    first, *others = (config.worlds for config in configs)
+    playing: dict[str, dict[int, World]] = {name: {0: world} for name, world in first.items()}
+    for i, worlds in enumerate(others, 1):
+        shared = {name: worlds[name] for name in first if name in worlds}
+        if len(first) == len(worlds) == 1:
+            shared = dict(zip(first, worlds.values(), strict=True))
+        if not shared:
+            raise RunError(
+                f"{names[i]} plays in {', '.join(worlds)} and {names[0]} in {', '.join(first)}; "
+                "compare runs that have a world in common."
+            )
+        for name, world in shared.items():
+            playing[name][i] = world
+    return playing
+
+
+def _entrant(
+    name: str, network: LSDNet, world: str, settings: World, graph: ViewGraph, *, joint: bool
+) -> Entrant:
+    """A run in one of its worlds, with the actions that are known there."""
     return Entrant(
         name=name,
-        network=network,
-        graph=graphs[config.env],
-        rules=build_rules(config.env.rules),
-        world=config.env.name,
-        backend=config.env.name,
+        network=narrow(network, tree_of(graph)) if joint else network,
+        graph=graph,
+        rules=build_rules(settings.rules),
+        world=world,
+        backend=settings.name,
     )
