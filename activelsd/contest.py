@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from activelsd.build import build_device, build_graph, build_rules
@@ -22,6 +22,9 @@ from activelsd.train.run import CONFIG, Run
 
 CHANGEABLE = ("evaluate", "device", "threads", "env.cache")
 """What may be set anew when a run is measured."""
+
+AS_PLAYED = {"navigate", "rules", "cache"}
+"""Settings of a world that do not change what its episodes are about."""
 
 RUNS = Path("runs")
 """Where the newest run is looked for when none is named."""
@@ -91,16 +94,11 @@ def _play(
 
 
 def _playing(names: Sequence[str], configs: Sequence[RunConfig]) -> dict[str, dict[int, World]]:
-    """Per world of the first run, the runs that play in it, by their number, with their settings of it.
-
-    Of runs with one world each, all play; the worlds of others go by their names.
-    """
+    """Per world of the first run, the runs that play in it, by their number, with their settings of it."""
     first, *others = (config.worlds for config in configs)
     playing: dict[str, dict[int, World]] = {name: {0: world} for name, world in first.items()}
     for i, worlds in enumerate(others, 1):
-        shared = {name: worlds[name] for name in first if name in worlds}
-        if len(first) == len(worlds) == 1:
-            shared = dict(zip(first, worlds.values(), strict=True))
+        shared = _shared(first, worlds)
         if not shared:
             raise RunError(
                 f"{names[i]} plays in {', '.join(worlds)} and {names[0]} in {', '.join(first)}; "
@@ -109,6 +107,19 @@ def _playing(names: Sequence[str], configs: Sequence[RunConfig]) -> dict[str, di
         for name, world in shared.items():
             playing[name][i] = world
     return playing
+
+
+def _shared(ours: Mapping[str, World], theirs: Mapping[str, World]) -> dict[str, World]:
+    """Their settings of the worlds that are ours too, by our names: those of the same views, else names."""
+    if len(ours) == len(theirs) == 1:  # of one world each: what differs is told better by their episodes
+        return dict(zip(ours, theirs.values(), strict=True))
+    same = {
+        name: world
+        for name, own in ours.items()
+        for world in theirs.values()
+        if own.model_dump(exclude=AS_PLAYED) == world.model_dump(exclude=AS_PLAYED)
+    }
+    return same or {name: theirs[name] for name in ours if name in theirs}
 
 
 def _entrant(
