@@ -123,9 +123,9 @@ def _start_from(checkpoint: Path, run: Run, network: LSDNet, device: str) -> Non
     network.load_state_dict(state)
     (run.folder / INIT).write_text(json.dumps({"from": str(checkpoint), **rows._asdict()}, indent=1) + "\n")
     notice(
-        f"Started from {checkpoint}: trunk, memory, value and {len(rows.kept)} of "
-        f"{len(rows.kept) + len(rows.fresh)} rows of the head kept ({_some(rows.kept)}), the others afresh; "
-        f"first layer: {rows.input}. All in {INIT}."
+        f"Started from {checkpoint}: kept trunk, memory, value and {len(rows.kept)} of "
+        f"{len(rows.kept) + len(rows.fresh)} rows of the head ({_some(rows.kept)}); "
+        f"first layer {rows.input}; see {INIT}."
     )
 
 

@@ -94,7 +94,7 @@ def test_a_run_starts_from_what_another_knows(capsys: pytest.CaptureFixture[str]
     run = train("env=mixed.yaml", f"policy.init={source}")
     err = capsys.readouterr().err
     assert "Started from " in err
-    assert "6 of 7 rows of the head kept (classify, navigate, classify/cup, classify/vase and 2 more)" in err
+    assert "6 of 7 rows of the head (classify, navigate, classify/cup, classify/vase and 2 more)" in err
     read = json.loads((run / "init.json").read_text())
     assert read["from"] == str(source.absolute() / "checkpoints" / "000000000160")
     assert (read["fresh"], read["dropped"], read["input"]) == (["classify/desk"], [], "kept")

@@ -106,6 +106,6 @@ def _for_crops(weight: Tensor, *, crops: bool) -> tuple[Tensor, str]:
     frame is good for. The other way, a frame stands for both, which is the sum.
     """
     if crops:
-        return torch.cat([torch.zeros_like(weight), weight], 1), "frames' weights now see crops, frames zero"
+        return torch.cat([torch.zeros_like(weight), weight], 1), "moved from frames to crops, zero for frames"
     frames, cut = weight.chunk(2, 1)
-    return frames + cut, "weights of frames and crops added"
+    return frames + cut, "of frames and crops added"
