@@ -252,7 +252,7 @@ def test_an_experiment_may_list_worlds(presets: Path) -> None:
     ("words", "sentence"),
     [
         ("env=modelnet,modelnet", "env names 'modelnet' twice; give each world its own preset."),
-        ("env=modelnet,mars", "There is no env preset 'mars'; there are modelnet."),
+        ("env=modelnet,mars", "There is no env preset 'mars'; there are "),
         (
             "env=modelnet,{0}/nameless.yaml",
             "{0}/nameless.yaml does not say which world it is for; add",
