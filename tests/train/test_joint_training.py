@@ -87,6 +87,7 @@ def columns(rollout: Rollout, place: slice) -> Rollout:
         field.name: getattr(rollout, field.name)[:, place]
         for field in fields(rollout)
         if field.name not in ("observation", "state", "epsilon", "bootstrap", "output")
+        and getattr(rollout, field.name) is not None
     }
     logits, value, state = rollout.output
     return replace(rollout, **own, output=Output(logits[:, place], value[:, place], state[place]))
