@@ -113,15 +113,15 @@ def build_rules(settings: RulesSettings) -> EpisodeRules:
     return replace(PRESETS[settings.preset], **changes)
 
 
-def build_shape(settings: PolicySettings, graph: ViewGraph) -> NetworkShape:
-    """The network's shape for the pictures of a graph."""
+def build_shape(settings: PolicySettings, *graphs: ViewGraph) -> NetworkShape:
+    """The network's shape for the pictures of a graph, or of several of one size."""
     return NetworkShape(
         trunk=settings.trunk,
         memory=settings.memory,
         head=settings.head,
-        size=graph.size,
+        size=graphs[0].size,
         frames=settings.frames,
-        crops=graph.crops is not None,
+        crops=any(graph.crops is not None for graph in graphs),
         features=settings.features,
     )
 

@@ -152,13 +152,15 @@ def _prepare(arguments: argparse.Namespace, words: list[str]) -> int:
         print(dump(config), end="")
         return 0
     from activelsd.envs.viewgraph import SPLITS
-    from activelsd.launch import open_graph
+    from activelsd.launch import open_worlds
 
-    graph = open_graph(config)
-    starts = ", ".join(f"{(graph.start_split == i).sum()} {split}" for i, split in enumerate(SPLITS))
-    print(f"{len(graph.targets)} objects of {len(graph.classes)} classes")
-    print(f"{len(graph.frames)} views of {graph.size} pixels")
-    print(f"Starts of episodes: {starts}")
+    for name, graph, *_ in open_worlds(config):
+        starts = ", ".join(f"{(graph.start_split == i).sum()} {split}" for i, split in enumerate(SPLITS))
+        if len(config.worlds) > 1:
+            print(f"World {name}")
+        print(f"{len(graph.targets)} objects of {len(graph.classes)} classes")
+        print(f"{len(graph.frames)} views of {graph.size} pixels")
+        print(f"Starts of episodes: {starts}")
     return 0
 
 
@@ -187,19 +189,24 @@ def _runs_and_settings(words: list[str]) -> tuple[list[str], list[str]]:
     return [word for word in words if "=" not in word], whole
 
 
-def _show(comparison: Comparison, files: list[Path]) -> int:
+def _show(comparisons: list[Comparison], files: list[Path]) -> int:
     from rich.console import Console
 
     from activelsd.evaluate.table import render, text
 
     console = Console(highlight=False)
-    if console.is_terminal:
-        console.print(render(comparison, console.width))
-    else:
-        print(text(comparison), end="")
-    *data, picture = files
-    print(f"Figures and episodes: {', '.join(file.name for file in data)} in {picture.parent}")
-    print(f"Picture of episodes:  {picture}")
+    for i, comparison in enumerate(comparisons):
+        if i:
+            print()
+        if console.is_terminal:
+            console.print(render(comparison, console.width))
+        else:
+            print(text(comparison), end="")
+    pictures = [file for file in files if file.suffix == ".png"]
+    data = ", ".join(file.name for file in files if file not in pictures)
+    print(f"Figures and episodes: {data} in {files[0].parent}")
+    for picture in pictures:
+        print(f"Picture of episodes:  {picture}")
     return 0
 
 

@@ -12,19 +12,20 @@ import yaml
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
-from activelsd.config import RunConfig, defaults, dump, settings, worlds
+from activelsd.config import JOINT, RunConfig, defaults, dump, settings, worlds
 from activelsd.errors import ConfigError, did_you_mean
 from activelsd.presets import Setting, TextLoader, flatten, groups, preset_file, read_settings
 from activelsd.wording import refused_value, unknown_key
 
-EXPERIMENT = "experiment"
+EXPERIMENT, ENV, ENV_NAME = "experiment", "env", "env.name"
 
 
 def resolve(words: Sequence[str], schema: type[RunConfig] = RunConfig) -> RunConfig:
     """Compose a config from `group=preset`, `experiment=NAME or FILE` and `key=value` words.
 
     An experiment's file says what the command line would: presets of groups by name, and keys. A preset on
-    the command line takes the place of the one that the experiment names for that group.
+    the command line takes the place of the one that the experiment names for that group. `env` may list
+    presets of several worlds, for one network that plays them all.
 
     Raises:
         ConfigError: a group, preset, key or value is not one there is.
@@ -47,8 +48,13 @@ def resolve(words: Sequence[str], schema: type[RunConfig] = RunConfig) -> RunCon
 
     layers: dict[str, Setting] = {}
     for group, setting in presets.items():
-        layers |= read_settings(preset_file(group, setting), prefix=f"{group}.")
-    return _validate(layers | written | keys, schema)
+        several = _listed(setting) if group == ENV else []
+        if len(several) > 1:
+            layers |= _joint_layers(several)
+        else:
+            layers |= read_settings(preset_file(group, *several or [setting]), prefix=f"{group}.")
+    members = _members(layers | written | keys, schema)
+    return _validate(layers | _spread(written, members, schema) | _spread(keys, members, schema), schema)
 
 
 def sweep(
@@ -64,7 +70,7 @@ def sweep(
         config = resolve([*words, *combination], schema)
         if combination:
             tails = (re.sub(r"[^\w.+-]+", "-", word.rpartition(".")[2]).strip("-") for word in combination)
-            name = "-".join([config.name or config.env.name, *tails])
+            name = "-".join([config.title, *tails])
             config = config.model_copy(update={"name": name})
         configs.append(config)
     return configs
@@ -93,7 +99,8 @@ def change(config: RunConfig, words: Sequence[str], allowed: Collection[str], wh
     """
     now = flatten(yaml.load(dump(config), TextLoader))
     keys = dict(map(_split_word, words))
-    changed = _validate({key: Setting(value, None) for key, value in now} | keys, type(config))
+    layers, schema = {key: Setting(value, None) for key, value in now}, type(config)
+    changed = _validate(layers | _spread(keys, _members(layers, schema), schema), schema)
     for key in keys:
         if not any(key == name or key.startswith(f"{name}.") for name in allowed):
             raise ConfigError(f"{key} cannot be changed here, {why}; what can: {', '.join(allowed)}.")
@@ -107,11 +114,67 @@ def _split_word(word: str) -> tuple[str, Setting]:
     return key, Setting(text, None)
 
 
+def _listed(setting: Setting) -> list[Setting]:
+    """The presets of `env=modelnet,avd`, which a file may write as a list."""
+    listed = setting.value
+    if not isinstance(listed, list):
+        text = str(listed)
+        listed = text.removeprefix("[").removesuffix("]").split(",") if "," in text else [text]
+    return [Setting(str(name).strip(), setting.file) for name in listed]
+
+
+def _joint_layers(presets: Sequence[Setting]) -> dict[str, Setting]:
+    """The settings of several worlds, each below the name of its preset."""
+    layers = {f"{ENV}.name": Setting(JOINT, presets[0].file)}
+    for setting in presets:
+        file = preset_file(ENV, setting)
+        world = read_settings(file, prefix=f"{ENV}.{file.stem}.")
+        if f"{ENV}.{file.stem}.name" in layers:
+            raise ConfigError(
+                f"{ENV} names '{file.stem}' twice{setting.place}; give each world its own preset."
+            )
+        if not file.stem.isidentifier() or file.stem in ("name", "size"):
+            raise ConfigError(f"{file} cannot name a world of a joint run; name the file as in kitchen.yaml.")
+        if f"{ENV}.{file.stem}.name" not in world:
+            raise ConfigError(f"{file} does not say which world it is for; add a line as in name: modelnet.")
+        layers |= world
+    return layers
+
+
+def _members(layers: Mapping[str, Setting], schema: type[RunConfig]) -> dict[str, str]:
+    """Which world each name of a joint run stands for; nothing for a run of one world."""
+    if ENV_NAME not in layers or layers[ENV_NAME].value != JOINT:
+        return {}
+    found = ((re.fullmatch(rf"{ENV}\.(\w+)\.name", key), setting) for key, setting in layers.items())
+    return {match[1]: _world(setting, schema) for match, setting in found if match}
+
+
+def _world(setting: Setting, schema: type[RunConfig]) -> str:
+    name, by_world = str(setting.value), worlds(schema)
+    if name not in by_world:
+        raise ConfigError(f"There is no world '{name}'{setting.place}; {did_you_mean(name, by_world)}")
+    return name
+
+
+def _spread(
+    keys: Mapping[str, Setting], members: Mapping[str, str], schema: type[RunConfig]
+) -> dict[str, Setting]:
+    """In a joint run `env.size` is meant for every world that has it; `env.avd.size` is for one, and wins."""
+    known = {name: settings(worlds(schema)[world], world, f"{ENV}.") for name, world in members.items()}
+    shared: dict[str, Setting] = {}
+    own: dict[str, Setting] = {}
+    for key, setting in keys.items():
+        those = [name for name in known if key in known[name] and key != ENV_NAME]
+        shared |= {f"{ENV}.{name}.{key.removeprefix(f'{ENV}.')}": setting for name in those}
+        if not those:
+            own[key] = setting
+    return shared | own
+
+
 def _validate(layers: Mapping[str, Setting], schema: type[RunConfig]) -> RunConfig:
     """Put the layers' values upon the schema's defaults, each converted by its field's type."""
     by_world = worlds(schema)
-    asked = layers.get("env.name")
-    if asked is None:
+    if ENV_NAME not in layers:
         # A misspelled `env` is the likelier mistake where there is a word that means nothing.
         for key, setting in layers.items():
             top = key.partition(".")[0]
@@ -120,16 +183,19 @@ def _validate(layers: Mapping[str, Setting], schema: type[RunConfig]) -> RunConf
                 raise ConfigError(f"{key} is not a setting{setting.place}; {hint}")
         one = next(iter(by_world))
         raise ConfigError(f"No world is named; add env={one} (there are {', '.join(by_world)}).")
-    world = str(asked.value)
-    if world not in by_world:
-        hint = did_you_mean(world, by_world)
-        raise ConfigError(f"There is no world '{world}'{asked.place}; {hint}")
+    members = _members(layers, schema)
+    world = JOINT if members else _world(layers[ENV_NAME], schema)
 
     known, tree = settings(schema, world), defaults(schema, world)
+    for name, kind in members.items():
+        known |= settings(by_world[kind], kind, f"{ENV}.{name}.")
+        tree[ENV][name] = defaults(by_world[kind], kind)
     for written, setting in layers.items():
         # A group that has kinds may be set to one by its own name: env.dataset=sample.
         key = written if f"{written}.kind" not in known else f"{written}.kind"
         if key not in known:
+            for kind in members.values():  # what may be said to all worlds at once is worth a hint too
+                known |= settings(by_world[kind], kind, f"{ENV}.")
             elsewhere = {other: settings(schema, other) for other in by_world if other != world}
             raise ConfigError(unknown_key(key, setting.place, world, known, elsewhere))
         *sections, leaf = key.split(".")
@@ -142,8 +208,11 @@ def _validate(layers: Mapping[str, Setting], schema: type[RunConfig]) -> RunConf
     except ValidationError as refused:
         error = refused.errors()[0]
     parts = [part for part in error["loc"] if isinstance(part, str)]
-    if parts[:1] == ["env"] and len(by_world) > 1:
-        del parts[1]  # where there is a union of worlds, pydantic names the one it tried
+    # Where there is a union of worlds, pydantic names the one it tried.
+    if parts[:2] == [ENV, world]:
+        del parts[1]
+    if len(parts) > 2 and members.get(parts[1]) == parts[2]:
+        del parts[2]
     key = ".".join(parts)
     if key not in known:  # a rule between settings, worded by the schema
         raise ConfigError(f"{error['msg'].removeprefix('Value error, ')}.")

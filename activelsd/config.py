@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Final, Literal, get_args
 
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -147,6 +147,40 @@ class AVDSettings(Section):
 World = Annotated[ModelNetSettings | AVDSettings, Field(discriminator="name")]
 """A world's settings, told apart by its name."""
 
+JOINT: Final = "joint"
+
+
+class JointSettings(Section):
+    """Several worlds for one network, each one's settings below its own name, as in `env.modelnet.size`.
+
+    `env=modelnet,avd` names them by their presets, so `env=modelnet,mine.yaml` calls the second `mine`.
+    A key that names no world, as in `env.size`, is meant for every world that has it.
+    """
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, World] = Field(init=False)
+
+    name: Literal["joint"] = Field(JOINT, description="several worlds at once")
+
+    @property
+    def worlds(self) -> dict[str, World]:
+        """Each world's settings by its own name."""
+        return self.__pydantic_extra__
+
+    @property
+    def size(self) -> int:
+        """Side of every world's frames in pixels."""
+        return next(iter(self.worlds.values())).size
+
+    @model_validator(mode="after")
+    def _worlds_fit(self) -> JointSettings:
+        if len(self.worlds) < 2:
+            raise ValueError("A joint run needs two worlds or more; name them as in env=modelnet,avd")
+        if len({world.size for world in self.worlds.values()}) > 1:
+            sizes = " and ".join(f"env.{name}.size={world.size}" for name, world in self.worlds.items())
+            raise ValueError(f"One network needs frames of one size, not {sizes}; set env.size")
+        return self
+
 
 class PolicySettings(Section):
     """The network."""
@@ -160,6 +194,9 @@ class PolicySettings(Section):
         "tree", description="branch then leaf, or one softmax over all actions"
     )
     features: int = Field(256, ge=8, description="width of the compact trunk's output")
+    init: Place | None = Field(
+        None, description="run or checkpoint to start from: all but the actions it does not know; null: fresh"
+    )
 
 
 class EvaluateSettings(Section):
@@ -176,16 +213,26 @@ class RunConfig(Section):
     """Everything that, with the code, repeats a run."""
 
     name: str | None = Field(
-        None, pattern=r"^[\w.+-]+$", description="of the run's folder; null: the world's name"
+        None, pattern=r"^[\w.+-]+$", description="of the run's folder; null: its worlds' names"
     )
     seed: int = Field(0, ge=0, description="fanned out to weights, episodes and actions")
     device: Literal["auto", "cpu", "cuda"] = Field("auto", description="auto: cuda where there is one")
     threads: int | None = Field(None, ge=1, description="PyTorch's threads; null: its own choice")
     runs: Path = Field(Path("runs"), description="folder of runs")
-    env: World = Field(description="the world")
+    env: World | JointSettings = Field(discriminator="name", description="the world, or worlds by name")
     policy: PolicySettings = Field(PolicySettings(), description="the network")
     train: TrainSettings = Field(TrainSettings(), description="how it learns")
     evaluate: EvaluateSettings = Field(EvaluateSettings(), description="how players are measured")
+
+    @property
+    def worlds(self) -> dict[str, World]:
+        """The settings of every world by its name: one, or those of a joint run."""
+        return self.env.worlds if isinstance(self.env, JointSettings) else {self.env.name: self.env}
+
+    @property
+    def title(self) -> str:
+        """What the run's folder is called, behind the time."""
+        return self.name or "+".join(self.worlds)
 
     @model_validator(mode="after")
     def _parts_fit(self) -> RunConfig:
@@ -198,7 +245,8 @@ class RunConfig(Section):
 
 def worlds(schema: type[RunConfig] = RunConfig) -> dict[str, type[BaseModel]]:
     """The settings of every world, by its name."""
-    return {model.model_fields["name"].default: model for model in _sections(schema.model_fields["env"])}
+    sections = (model for model in _sections(schema.model_fields["env"]) if model is not JointSettings)
+    return {model.model_fields["name"].default: model for model in sections}
 
 
 def settings(schema: type[BaseModel], world: str, prefix: str = "") -> dict[str, FieldInfo]:
@@ -228,8 +276,15 @@ def defaults(schema: type[BaseModel], world: str) -> dict[str, Any]:
 
 
 def _sections(field: FieldInfo) -> list[type[BaseModel]]:
-    kinds = get_args(field.annotation) or (field.annotation,)
-    return [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+    return list(_models(field.annotation))
+
+
+def _models(kind: object) -> Iterator[type[BaseModel]]:
+    """The models of a union, however deep one stands inside another."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        yield kind
+    for inner in get_args(kind):
+        yield from _models(inner)
 
 
 def _section(field: FieldInfo, world: str) -> type[BaseModel] | None:
@@ -245,13 +300,14 @@ def dump(config: BaseModel) -> str:
 
 
 def _lines(section: BaseModel, indent: str) -> Iterator[str]:
-    for name, field in type(section).model_fields.items():
-        value = getattr(section, name)
+    fields = type(section).model_fields
+    for name, value in section:
+        about = fields[name].description if name in fields else "a world"
         if isinstance(value, BaseModel):
-            yield f"{indent}{name}:  # {field.description}"
+            yield f"{indent}{name}:  # {about}"
             yield from _lines(value, indent + "  ")
         else:
-            yield f"{indent}{name}: {_inline(section.model_dump(mode='json')[name])}  # {field.description}"
+            yield f"{indent}{name}: {_inline(section.model_dump(mode='json')[name])}  # {about}"
 
 
 def _inline(value: Any) -> str:

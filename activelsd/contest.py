@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from activelsd.build import build_backend, build_device, build_graph, build_rules
 from activelsd.compose import change, load
 from activelsd.config import RunConfig, World
 from activelsd.console import progress
+from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import ViewGraph
-from activelsd.errors import ConfigError, did_you_mean
+from activelsd.errors import ConfigError, RunError, did_you_mean
 from activelsd.evaluate import files
 from activelsd.evaluate.baselines import BASELINES
 from activelsd.evaluate.compare import Comparison, Entrant, compare
 from activelsd.policy.checkpoint import load_network
+from activelsd.policy.lsdnet import LSDNet
+from activelsd.policy.transfer import narrow
 from activelsd.train.run import CONFIG, Run
 
 CHANGEABLE = ("evaluate", "device", "threads", "env.cache")
 """What may be set anew when a run is measured."""
 
+AS_PLAYED = {"navigate", "rules", "cache"}
+"""Settings of a world that do not change what its episodes are about."""
+
 RUNS = Path("runs")
 """Where the newest run is looked for when none is named."""
 
 
-def evaluate(folders: Sequence[str], words: Sequence[str]) -> tuple[Comparison, list[Path]]:
+def evaluate(folders: Sequence[str], words: Sequence[str]) -> tuple[list[Comparison], list[Path]]:
     """Measure one run by itself; what is written, `evaluation.json` and so on, leaves comparisons alone."""
     return _play(folders, (), words, "evaluation")
 
 
 def contest(
     folders: Sequence[str], baselines: Sequence[str], words: Sequence[str]
-) -> tuple[Comparison, list[Path]]:
+) -> tuple[list[Comparison], list[Path]]:
     """Play runs and baselines on the same episodes, and write what came of it into the first run's folder.
 
     Args:
@@ -47,7 +53,7 @@ def contest(
 
 def _play(
     folders: Sequence[str], baselines: Sequence[str], words: Sequence[str], stem: str
-) -> tuple[Comparison, list[Path]]:
+) -> tuple[list[Comparison], list[Path]]:
     for name in baselines:  # before anything is opened: worlds take a while
         if name not in BASELINES:
             raise ConfigError(f"There is no baseline '{name}'; {did_you_mean(name, BASELINES)}")
@@ -58,36 +64,73 @@ def _play(
     ]
     how = configs[0]
     device = build_device(how.device, how.threads)
-    graphs: dict[World, ViewGraph] = {}
     names = ["trained"] if len(runs) == 1 else [run.folder.name for run in runs]
-    entrants = [
-        _entrant(name, run, config, graphs, device)
-        for name, run, config in zip(names, runs, configs, strict=True)
-    ]
-    with progress("Playing episodes") as show:
-        comparison = compare(
-            entrants,
-            baselines,
-            split=how.evaluate.split,
-            per_object=how.evaluate.episodes_per_object,
-            seed=how.evaluate.seed,
-            device=device,
-            progress=show,
-        )
-    return comparison, files.write(comparison, runs[0].folder, stem)
+    networks = [load_network(run.checkpoint, device) for run in runs]
+    playing = _playing(names, configs)
+    graphs: dict[World, ViewGraph] = {}
+    comparisons: list[Comparison] = []
+    written: list[Path] = []
+    for world, players in playing.items():
+        entrants = []
+        for i, settings in players.items():
+            if settings not in graphs:  # runs of the same world share its views
+                with progress("Preparing views") as show:
+                    graphs[settings] = build_graph(settings, show)
+            joint = len(configs[i].worlds) > 1
+            entrants.append(_entrant(names[i], networks[i], world, settings, graphs[settings], joint=joint))
+        with progress("Playing episodes") as show:
+            comparison = compare(
+                entrants,
+                baselines,
+                split=how.evaluate.split,
+                per_object=how.evaluate.episodes_per_object,
+                seed=how.evaluate.seed,
+                device=device,
+                progress=show,
+            )
+        comparisons.append(comparison)
+        written += files.write(comparison, runs[0].folder, stem if len(playing) == 1 else f"{stem}_{world}")
+    return comparisons, written
 
 
-def _entrant(name: str, run: Run, config: RunConfig, graphs: dict[World, ViewGraph], device: str) -> Entrant:
-    """A run with its world; runs of the same world share its views."""
-    network = load_network(run.checkpoint, device)
-    if config.env not in graphs:
-        with progress("Preparing views") as show:
-            graphs[config.env] = build_graph(config.env, show)
+def _playing(names: Sequence[str], configs: Sequence[RunConfig]) -> dict[str, dict[int, World]]:
+    """Per world of the first run, the runs that play in it, by their number, with their settings of it."""
+    first, *others = (config.worlds for config in configs)
+    playing: dict[str, dict[int, World]] = {name: {0: world} for name, world in first.items()}
+    for i, worlds in enumerate(others, 1):
+        shared = _shared(first, worlds)
+        if not shared:
+            raise RunError(
+                f"{names[i]} plays in {', '.join(worlds)} and {names[0]} in {', '.join(first)}; "
+                "compare runs that have a world in common."
+            )
+        for name, world in shared.items():
+            playing[name][i] = world
+    return playing
+
+
+def _shared(ours: Mapping[str, World], theirs: Mapping[str, World]) -> dict[str, World]:
+    """Their settings of the worlds that are ours too, by our names: those of the same views, else names."""
+    if len(ours) == len(theirs) == 1:  # of one world each: what differs is told better by their episodes
+        return dict(zip(ours, theirs.values(), strict=True))
+    same = {
+        name: world
+        for name, own in ours.items()
+        for world in theirs.values()
+        if own.model_dump(exclude=AS_PLAYED) == world.model_dump(exclude=AS_PLAYED)
+    }
+    return same or {name: theirs[name] for name in ours if name in theirs}
+
+
+def _entrant(
+    name: str, network: LSDNet, world: str, settings: World, graph: ViewGraph, *, joint: bool
+) -> Entrant:
+    """A run in one of its worlds, with the actions that are known there."""
     return Entrant(
         name=name,
-        network=network,
-        graph=graphs[config.env],
-        rules=build_rules(config.env.rules),
-        world=config.env.name,
-        backend=build_backend(config.env),
+        network=narrow(network, tree_of(graph)) if joint else network,
+        graph=graph,
+        rules=build_rules(settings.rules),
+        world=world,
+        backend=build_backend(settings),
     )

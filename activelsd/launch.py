@@ -2,29 +2,45 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 from activelsd.build import build_backend, build_device, build_graph, build_rules, build_shape
 from activelsd.compose import change, load
-from activelsd.config import RunConfig, dump
+from activelsd.config import RunConfig, World, dump
 from activelsd.console import notice, progress
+from activelsd.envs.graphenv import tree_of
+from activelsd.envs.joint import Recording
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import RunError, UserError
 from activelsd.evaluate.compare import measure
+from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
-from activelsd.train.run import CONFIG, Run
+from activelsd.policy.transfer import narrow, transfer
+from activelsd.train.run import CONFIG, Run, find_checkpoint
 from activelsd.train.trainer import Trainer
+
+INIT = "init.json"
+"""What a run that started from another's weights has of them."""
 
 ON_RESUME = ("train.steps", "device", "threads")
 """What may be changed of a run that goes on."""
 
 
-def open_graph(config: RunConfig) -> ViewGraph:
-    """The world's views of a config, prepared with progress on the screen where they have to be."""
+def open_graph(settings: World) -> ViewGraph:
+    """A world's views, prepared with progress on the screen where they have to be."""
     with progress("Preparing views") as show:
-        return build_graph(config.env, show)
+        return build_graph(settings, show)
+
+
+def open_worlds(config: RunConfig) -> list[Recording]:
+    """Every world of a config, to play."""
+    return [
+        Recording(name, open_graph(settings), build_rules(settings.rules), build_backend(settings))
+        for name, settings in config.worlds.items()
+    ]
 
 
 def begin(config: RunConfig) -> Path:
@@ -34,10 +50,13 @@ def begin(config: RunConfig) -> Path:
         UserError: something of the config does not fit; no folder is left behind.
         KeyboardInterrupt: stopped; its text says how to go on.
     """
-    device, graph = build_device(config.device, config.threads), open_graph(config)
-    run = Run.create(config.runs, config.name or config.env.name, dump(config))
+    device = build_device(config.device, config.threads)
+    if config.policy.init is not None:
+        find_checkpoint(config.policy.init)  # before the worlds are opened, which takes a while
+    worlds = open_worlds(config)
+    run = Run.create(config.runs, config.title, dump(config))
     try:
-        return _train(config, run, graph, device)
+        return _train(config, run, worlds, device)
     except UserError:
         if not _has_checkpoint(run):
             shutil.rmtree(run.folder)
@@ -47,12 +66,12 @@ def begin(config: RunConfig) -> Path:
 def resume(folder: Path, words: Sequence[str]) -> Path:
     """Go on with a run from its last checkpoint, or from its beginning where it has none yet; its folder."""
     run, config = Run(folder), resumed_config(folder, words)
-    device, graph = build_device(config.device, config.threads), open_graph(config)
+    device, worlds = build_device(config.device, config.threads), open_worlds(config)
     if words:
         temporary = folder / f"{CONFIG}.tmp"
         temporary.write_text(dump(config))
         temporary.replace(folder / CONFIG)
-    return _train(config, run, graph, device)
+    return _train(config, run, worlds, device)
 
 
 def resumed_config(folder: Path, words: Sequence[str]) -> RunConfig:
@@ -60,32 +79,63 @@ def resumed_config(folder: Path, words: Sequence[str]) -> RunConfig:
     return change(load(Run(folder).folder / CONFIG), words, ON_RESUME, "a run goes on as it began")
 
 
-def _train(config: RunConfig, run: Run, graph: ViewGraph, device: str) -> Path:
-    rules, backend = build_rules(config.env.rules), build_backend(config.env)
-    notice(f"Training {run.folder}" + ("" if backend == config.env.name else f" on {backend}, a stand-in"))
+def _train(config: RunConfig, run: Run, worlds: Sequence[Recording], device: str) -> Path:
+    stand_ins = [
+        world.backend for world in worlds if world.backend not in [one.name for one in config.worlds.values()]
+    ]
+    notice(f"Training {run.folder}" + "".join(f" on {backend}, a stand-in" for backend in stand_ins))
+    resuming = _has_checkpoint(run)
+    shape = build_shape(config.policy, *(world.graph for world in worlds))
+    watched = [world for world in worlds if (world.graph.start_split == SPLITS.index("val")).any()]
 
     def evaluate(network: LSDNet) -> dict[str, float]:
-        world = config.env.name
-        return measure(network, graph, rules, split="val", world=world, backend=backend, device=device)
+        return _look(network, watched, device, alone=len(worlds) == 1)
 
-    has_val = bool((graph.start_split == SPLITS.index("val")).any())
     try:
         trainer = Trainer(
             run,
-            graph,
-            rules,
-            build_shape(config.policy, graph),
+            worlds,
+            shape,
             config.train,
             seed=config.seed,
             device=device,
-            backend=backend,
-            evaluate=evaluate if has_val else None,
-            resume=_has_checkpoint(run),
+            evaluate=evaluate if watched else None,
+            resume=resuming,
         )
+        if config.policy.init is not None and not resuming:
+            _start_from(find_checkpoint(config.policy.init), run, trainer.network, device)
         trainer.train()
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"Stopped; go on with: activelsd train --resume {run.folder}") from None
     return run.folder
+
+
+def _look(network: LSDNet, worlds: Sequence[Recording], device: str, *, alone: bool) -> dict[str, float]:
+    """A network measured in every world; of several, each figure stands below its world's name."""
+    figures: dict[str, float] = {}
+    for name, graph, rules, backend in worlds:
+        own = narrow(network, tree_of(graph))
+        found = measure(own, graph, rules, split="val", world=name, backend=backend, device=device)
+        figures |= found if alone else {f"{name}/{figure}": value for figure, value in found.items()}
+    return figures
+
+
+def _start_from(checkpoint: Path, run: Run, network: LSDNet, device: str) -> None:
+    """Give a fresh network what a checkpoint's knows of it, and say what was kept."""
+    state, rows = transfer(load_network(checkpoint, device), network)
+    network.load_state_dict(state)
+    (run.folder / INIT).write_text(json.dumps({"from": str(checkpoint), **rows._asdict()}, indent=1) + "\n")
+    notice(
+        f"Started from {checkpoint}: kept trunk, memory, value and {len(rows.kept)} of "
+        f"{len(rows.kept) + len(rows.fresh)} rows of the head ({_some(rows.kept)}); "
+        f"first layer {rows.input}; see {INIT}."
+    )
+
+
+def _some(names: Sequence[str], most: int = 4) -> str:
+    """The first few of many names."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return (", ".join(names[:most]) or "none") + more
 
 
 def _has_checkpoint(run: Run) -> bool:

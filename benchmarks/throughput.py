@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from activelsd.envs.episode import PRESETS
+from activelsd.envs.joint import Recording
 from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
 from activelsd.train.run import Run
@@ -89,7 +90,8 @@ def main() -> None:
     shape = NetworkShape(memory=options.memory, frames=3 if options.memory == "stack" else 1)
     with tempfile.TemporaryDirectory() as folder:
         run = Run.create(Path(folder), "throughput", "")
-        trainer = Trainer(run, graph, PRESETS["V4"], shape, TrainSettings(steps=10**9), seed=0)
+        world = Recording("modelnet", graph, PRESETS["V4"])
+        trainer = Trainer(run, [world], shape, TrainSettings(steps=10**9), seed=0)
         contestants = {
             f"bare network, batch {b}": bare_step(new_network(trainer.network.tree, shape, 0), b)
             for b in BATCHES

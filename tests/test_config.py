@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError
 
 from activelsd import config as schema
 from activelsd.compose import change, load, resolve, sweep
-from activelsd.config import ModelNetSettings, RunConfig, Section, dump, worlds
+from activelsd.config import JointSettings, ModelNetSettings, RunConfig, Section, dump, worlds
 from activelsd.errors import ConfigError
 from activelsd.presets import groups
 
@@ -186,6 +186,97 @@ def test_key_of_another_world_says_which() -> None:
         resolve(["env=modelnet", "env.scan=x"], TwoWorlds)
     with pytest.raises(ConfigError, match=r"^env\.size=x: must be a whole number\.$"):
         resolve(["env.name=home", "env.size=x"], TwoWorlds)
+
+
+class HomesAndModelNet(JointSettings):
+    __pydantic_extra__: dict[str, Annotated[ModelNetSettings | HomeSettings, Field(discriminator="name")]]
+
+
+class SeveralWorlds(RunConfig):
+    env: Annotated[ModelNetSettings | HomeSettings, Field(discriminator="name")] | HomesAndModelNet = Field(
+        discriminator="name"
+    )  # type: ignore[assignment]
+
+
+@pytest.fixture
+def presets(tmp_path: Path) -> Path:
+    """Presets of worlds in files: two of homes, and ones that are not right."""
+    for name, text in {
+        "flat": "name: home",
+        "house": "name: home\nscan: House_1\nsize: 96",
+        "nameless": "size: 48",
+        "two-rooms": "name: home",
+        "moon": "name: xyz",
+        "both": f"env: [modelnet, {tmp_path}/house.yaml]\nenv.size: 32",
+    }.items():
+        (tmp_path / f"{name}.yaml").write_text(text + "\n")
+    return tmp_path
+
+
+def test_several_worlds_have_their_own_settings_and_share_what_is_said_to_all(presets: Path) -> None:
+    words = [f"env=modelnet,{presets}/flat.yaml,{presets}/house.yaml", "env.house.size=64", "env.size=96"]
+    with pytest.raises(ConfigError, match=r"^One network needs frames of one size, not env\.modelnet"):
+        resolve(words, SeveralWorlds)
+    config = resolve([*words, "env.house.size=96", "env.scan=x", "env.navigate=orbit_cw"], SeveralWorlds)
+    assert list(config.worlds) == ["modelnet", "flat", "house"]
+    assert [type(world).__name__ for world in config.worlds.values()] == [
+        "ModelNetSettings",
+        "HomeSettings",
+        "HomeSettings",
+    ]
+    assert config.worlds["modelnet"].navigate == ("orbit_cw",)
+    assert [config.worlds[name].scan for name in ("flat", "house")] == ["x", "x"]  # type: ignore[union-attr]
+    assert config.title == "modelnet+flat+house"
+    assert resolve(["env=modelnet"]).title == "modelnet"
+    assert list(resolve(["env=modelnet"]).worlds) == ["modelnet"]
+
+    file = presets / "config.yaml"
+    file.write_text(dump(config))
+    assert load(file, SeveralWorlds) == config
+    changed = change(config, ["env.cache=/c"], ("env.cache",), "a run stays as it is")
+    assert changed.worlds["modelnet"].cache == Path("/c")
+    assert changed.worlds["flat"] == config.worlds["flat"]
+
+
+def test_an_experiment_may_list_worlds(presets: Path) -> None:
+    config = resolve([f"experiment={presets}/both.yaml"], SeveralWorlds)
+    assert {name: world.size for name, world in config.worlds.items()} == {"modelnet": 32, "house": 32}
+    one = resolve([f"experiment={presets}/both.yaml", "env=modelnet"], SeveralWorlds)
+    assert list(one.worlds) == ["modelnet"]
+    assert one.env.size == 32
+    names = [c.name for c in sweep([f"env=modelnet,{presets}/flat.yaml"], ["env.size=64,96"], SeveralWorlds)]
+    assert names == ["modelnet+flat-size-64", "modelnet+flat-size-96"]
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("env=modelnet,modelnet", "env names 'modelnet' twice; give each world its own preset."),
+        ("env=modelnet,mars", "There is no env preset 'mars'; there are "),
+        (
+            "env=modelnet,{0}/nameless.yaml",
+            "{0}/nameless.yaml does not say which world it is for; add",
+        ),
+        ("env=modelnet,{0}/two-rooms.yaml", "{0}/two-rooms.yaml cannot name a world of a joint run;"),
+        (
+            "env=modelnet,{0}/moon.yaml",
+            "There is no world 'xyz' (in {0}/moon.yaml); there are modelnet,",
+        ),
+        ("env=modelnet,{0}/flat.yaml env.flat.size=x", "env.flat.size=x: must be a whole number."),
+        ("env=modelnet,{0}/flat.yaml env.size=12", "env.modelnet.size=12: must be at least 32."),
+        (
+            "env=modelnet,{0}/flat.yaml env.flat.scn=x",
+            "env.flat.scn is not a setting; did you mean env.flat.s",
+        ),
+        ("env=modelnet,{0}/flat.yaml env.sise=64", "env.sise is not a setting; did you mean env.size?"),
+        ("env=modelnet,{0}/flat.yaml env.flat.navigate=[x]", "env.flat.navigate is not a setting;"),
+        ("env.name=joint env.a.name=home", "A joint run needs two worlds or more; name them as in"),
+    ],
+)
+def test_wrong_words_about_several_worlds(presets: Path, words: str, sentence: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        resolve(words.format(presets).split(), SeveralWorlds)
+    assert str(error.value).startswith(sentence.format(presets))
 
 
 def test_sweep_is_the_cross_product_and_names_its_runs() -> None:

@@ -81,13 +81,14 @@ class LSDNet(nn.Module):
         """Run over L steps of B episodes.
 
         Args:
-            observation: `frames` uint8 (L, B, K, S, S), `target` (L, B, K, 5), `crops` like frames.
+            observation: `frames` uint8 (L, B, K, S, S), `target` (L, B, K, 5), `crops` like frames; where
+                a world cuts none, its frames stand for them, since the target fills them.
             state: (B, width) memory before the first step.
             first: (L, B) bool, where an episode begins.
         """
         pictures = observation["frames"]
         if self.shape.crops:
-            pictures = torch.cat([pictures, observation["crops"]], 2)
+            pictures = torch.cat([pictures, observation.get("crops", pictures)], 2)
         features = self.trunk(as_input(pictures.flatten(0, 1))).unflatten(0, first.shape)
         remembered, state = self.memory(features, state, first)
         joined = torch.cat([remembered, observation["target"].flatten(2)], -1)

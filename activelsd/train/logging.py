@@ -71,9 +71,9 @@ class TensorBoard:
 class ProgressLine:
     """One dense line: redrawn in place on a terminal, a line every ten seconds elsewhere."""
 
-    def __init__(self, total: int, stream: IO[str] = sys.stderr) -> None:
-        self._total, self._stream = total, stream
-        self._live = stream.isatty()
+    def __init__(self, total: int, stream: IO[str] | None = None) -> None:
+        self._total, self._stream = total, stream or sys.stderr
+        self._live = self._stream.isatty()
         self._shown = -10.0
 
     def write(self, step: int, metrics: Mapping[str, float]) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 from torch import Tensor
 
 from activelsd.errors import RunError
-from activelsd.policy.checkpoint import load_tensors, save_network, save_tensors
+from activelsd.policy.checkpoint import MEANING, load_tensors, save_network, save_tensors
 from activelsd.policy.lsdnet import LSDNet
 
 CONFIG = "config.yaml"
@@ -123,6 +123,15 @@ class Run:
     def _finished(self) -> list[Path]:
         folders = (self.folder / "checkpoints").glob("[0-9]*")
         return sorted(path for path in folders if path.suffix != ".tmp")
+
+
+def find_checkpoint(path: Path) -> Path:
+    """The checkpoint that a path means: its own folder, or the newest of a run's.
+
+    Raises:
+        RunError: it is neither, or the run has none yet.
+    """
+    return path if (path / MEANING).is_file() else Run(path).checkpoint
 
 
 def _versions() -> dict[str, str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor
 
@@ -11,22 +13,27 @@ from activelsd.train.rollout import Rollout
 
 
 class Statistics:
-    """What the progress line and the logs show: rates per episode and per step over a window."""
+    """What the progress line and the logs show: rates per episode and per step over a window.
 
-    def __init__(self) -> None:
+    Of several worlds there are the metrics of all steps, and each world's own below its name.
+    """
+
+    def __init__(self, places: Mapping[str, slice] | None = None) -> None:
+        """Begin a window; `places` are the columns of a rollout that each of several worlds has."""
+        self._places = {"": slice(None)} | {f"{world}/": place for world, place in (places or {}).items()}
         self._sums: dict[str, Tensor | float] = {}
 
     @torch.no_grad()
     def add(self, rollout: Rollout, network: LSDNet, losses: dict[str, Tensor]) -> None:
         """Count a rollout that was learned from."""
         ended = rollout.terminated | rollout.truncated
-        sums = {
-            "steps": torch.ones_like(rollout.rewards).sum(),
-            "episodes": ended.sum(),
-            "right": (ended & rollout.right).sum(),
-            "views": (rollout.views * ended).sum(),
-            "reward": rollout.rewards.sum(),
-            "updates": torch.ones(()),
+        # Each (L, B).
+        counts = {
+            "steps": torch.ones_like(rollout.rewards),
+            "episodes": ended,
+            "right": ended & rollout.right,
+            "views": rollout.views * ended,
+            "reward": rollout.rewards,
         }
         if rollout.output is not None and NAVIGATE in network.tree.branches:
             policy = network.distribution(rollout.output.logits, rollout.mask)
@@ -34,28 +41,36 @@ class Statistics:
             free = rollout.mask[..., network.tree.span(NAVIGATE)].any(-1)
             named_right = policy.class_log_probs().argmax(-1) == rollout.labels
             # -log max pi, the paper's Figure 3, "policy entropy loss".
-            sums |= {
-                "free": free.sum(),
-                "navigate": (branch * free).sum(),
-                "first": rollout.first.sum(),
-                "right_at_first": (named_right & rollout.first).sum(),
-                "surprise": -policy.log_probs.amax(-1).sum(),
+            counts |= {
+                "free": free,
+                "navigate": branch * free,
+                "first": rollout.first,
+                "right_at_first": named_right & rollout.first,
+                "surprise": -policy.log_probs.amax(-1),
             }
-        for name, value in (sums | losses).items():
+        sums = {
+            world + name: count[:, place].sum()
+            for world, place in self._places.items()
+            for name, count in counts.items()
+        }
+        for name, value in (sums | {"updates": torch.ones(())} | losses).items():
             self._sums[name] = self._sums.get(name, 0.0) + value.double()
 
     def read(self) -> dict[str, float]:
         """The window's metrics, and begin the next window."""
         sums = {name: float(value) for name, value in self._sums.items()}
         self._sums = {}
-        steps, episodes = max(sums.pop("steps"), 1), max(sums.pop("episodes"), 1)
         updates = max(sums.pop("updates"), 1)
-        metrics = {
-            "reward": sums.pop("reward") / episodes,
-            "accuracy": sums.pop("right") / episodes,
-            "views": sums.pop("views") / episodes,
-            "navigate": sums.pop("navigate", 0.0) / max(sums.pop("free", 0.0), 1),
-            "accuracy_at_first_view": sums.pop("right_at_first", 0.0) / max(sums.pop("first", 0.0), 1),
-            "policy_entropy_loss": sums.pop("surprise", 0.0) / steps,
-        }
+        metrics: dict[str, float] = {}
+        for world in self._places:
+            steps, episodes = max(sums.pop(f"{world}steps"), 1), max(sums.pop(f"{world}episodes"), 1)
+            free, first = sums.pop(f"{world}free", 0.0), sums.pop(f"{world}first", 0.0)
+            metrics |= {
+                f"{world}reward": sums.pop(f"{world}reward") / episodes,
+                f"{world}accuracy": sums.pop(f"{world}right") / episodes,
+                f"{world}views": sums.pop(f"{world}views") / episodes,
+                f"{world}navigate": sums.pop(f"{world}navigate", 0.0) / max(free, 1),
+                f"{world}accuracy_at_first_view": sums.pop(f"{world}right_at_first", 0.0) / max(first, 1),
+                f"{world}policy_entropy_loss": sums.pop(f"{world}surprise", 0.0) / steps,
+            }
         return metrics | {name: value / updates for name, value in sums.items()}

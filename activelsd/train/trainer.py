@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
@@ -13,10 +13,7 @@ import numpy as np
 import torch
 
 from activelsd.envs.actions import ActionTree
-from activelsd.envs.episode import EpisodeRules
-from activelsd.envs.graphenv import tree_of
-from activelsd.envs.vector import ViewGraphVectorEnv
-from activelsd.envs.viewgraph import ViewGraph
+from activelsd.envs.joint import JointVectorEnv, Recording, play_recordings
 from activelsd.errors import RunError, TrainingError
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.heads import Epsilon
@@ -40,7 +37,7 @@ def new_network(tree: ActionTree, shape: NetworkShape, seed: int) -> LSDNet:
 
 
 class Trainer:
-    """Trains one network on one graph of views, and leaves everything in a run's folder.
+    """Trains one network on the recorded views of one world or several, and leaves all in a run's folder.
 
     One seed is fanned out: to the first weights, and to the episodes and actions drawn.
     """
@@ -48,38 +45,29 @@ class Trainer:
     def __init__(
         self,
         run: Run,
-        graph: ViewGraph,
-        rules: EpisodeRules,
+        worlds: Sequence[Recording],
         shape: NetworkShape,
         settings: TrainSettings,
         *,
         seed: int,
         device: str = "cpu",
-        backend: str = "recording",
         evaluate: Evaluate | None = None,
         resume: bool = False,
     ) -> None:
         """Build everything, or, to resume, take it back from the run's newest checkpoint."""
         self.run, self.settings, self._evaluate = run, settings, evaluate
         weights_seed, play_seed = (int(s) for s in np.random.SeedSequence(seed).generate_state(2))
-        env = ViewGraphVectorEnv(
-            graph,
-            rules,
-            num_envs=settings.envs,
-            split="train",
-            frames=shape.frames,
-            backend=backend,
-            device=device,
-        )
+        env = play_recordings(worlds, num_envs=settings.envs, frames=shape.frames, device=device)
+        self._places = env.places if isinstance(env, JointVectorEnv) else {}
         self.step, self._seconds = 0, 0.0
         if resume:
             self.network = load_network(run.checkpoint, device)
-            if self.network.tree != tree_of(graph):
+            if self.network.tree != env.tree:
                 raise RunError(
                     f"{run.folder} was trained with other classes or moves than its world has now."
                 )
         else:
-            self.network = new_network(tree_of(graph), shape, weights_seed).to(device)
+            self.network = new_network(env.tree, shape, weights_seed).to(device)
         self.learner = Learner(self.network, settings)
         self.actors = ResidentActors(env, self.network, settings.length, play_seed)
         if resume:
@@ -94,7 +82,7 @@ class Trainer:
         """
         settings = self.settings
         loggers = open_loggers(settings.loggers, self.run.folder, up_to=self.step, total=settings.steps)
-        statistics, since, window = Statistics(), self.step, time.monotonic()
+        statistics, since, window = Statistics(self._places), self.step, time.monotonic()
         try:
             with _stop_requested() as stop:
                 while self.step < settings.steps and not stop():

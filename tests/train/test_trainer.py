@@ -15,6 +15,7 @@ import pytest
 import torch
 
 from activelsd.envs.episode import PRESETS
+from activelsd.envs.joint import Recording
 from activelsd.errors import RunError, TrainingError
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import NetworkShape
@@ -31,8 +32,7 @@ def trainer(
     graph = ring_graph()
     return Trainer(
         run,
-        graph,
-        PRESETS["V4"],
+        [Recording("rings", graph, PRESETS["V4"])],
         NetworkShape(memory=memory, size=graph.size, features=32, frames=2 if memory == "stack" else 1),
         TrainSettings(**(settings | changed)),  # type: ignore[arg-type]
         seed=seed,
@@ -148,7 +148,8 @@ def test_it_learns_to_look_before_it_answers(tmp_path: Path) -> None:
     graph = ring_graph(objects=12, classes=3, telling=(3, 4, 5))
     run = new_run(tmp_path)
     settings = TrainSettings(steps=60_000, envs=32, learning_rate=2e-3, log_every=5_000, loggers=[])
-    Trainer(run, graph, PRESETS["V4"], NetworkShape(size=graph.size, features=64), settings, seed=0).train()
+    world = Recording("rings", graph, PRESETS["V4"])
+    Trainer(run, [world], NetworkShape(size=graph.size, features=64), settings, seed=0).train()
     last = json.loads((run.folder / "metrics.jsonl").read_text().splitlines()[-1])
     assert last["accuracy"] > 0.9  # from the first view no more than 1/4 + 3/4 * 1/3 = 0.5
     assert last["accuracy_at_first_view"] < 0.65

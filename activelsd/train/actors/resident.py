@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from activelsd.envs.joint import JointVectorEnv
 from activelsd.envs.vector import Step, ViewGraphVectorEnv
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, Output
@@ -17,7 +18,9 @@ class ResidentActors:
     Nothing in a rollout waits for the device: actions are drawn and episodes replaced there.
     """
 
-    def __init__(self, env: ViewGraphVectorEnv, network: LSDNet, length: int, seed: int) -> None:
+    def __init__(
+        self, env: ViewGraphVectorEnv | JointVectorEnv, network: LSDNet, length: int, seed: int
+    ) -> None:
         """Start B episodes; `seed` fixes which, and how actions are drawn."""
         self.env, self.network, self.length = env, network, length
         self._generator = torch.Generator(env.device).manual_seed(seed)
