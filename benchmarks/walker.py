@@ -11,9 +11,13 @@ stands what the machine copies from one large array to another, counted in the s
 from __future__ import annotations
 
 import argparse
+import os
 import statistics
 import time
 from collections.abc import Callable
+
+# Before torch is imported: threads that spin while they wait starve each other where cores are shared.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import numpy as np
 import torch
