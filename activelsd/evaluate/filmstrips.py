@@ -14,16 +14,24 @@ from activelsd.envs.viewgraph import ViewGraph
 from activelsd.evaluate.protocol import EpisodeRow
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import SubFigure
 
 SHOWN = 6
 LONGEST = 4
 """Views of an episode that fit a strip."""
 
-RIGHT, WRONG, INK, FAINT = "#1a7f37", "#c62828", "#24292f", "#6e7781"
+RIGHT, WRONG, INK, FAINT, BOX = "#1a7f37", "#c62828", "#24292f", "#6e7781", "#d9730d"
 
 # Of the panel's width and height.
 _MARGIN, _TOP, _WIDE, _HIGH = 0.03, 0.942, 0.80, 0.925
+
+
+class Plan(NamedTuple):
+    """Where an episode went, from above."""
+
+    points: NDArray[np.float32]  # (N, 2) metres, every place of the scene that views were recorded at
+    path: NDArray[np.float32]  # (L, 3) metres and heading in degrees of every view seen
 
 
 class Filmstrip(NamedTuple):
@@ -32,6 +40,9 @@ class Filmstrip(NamedTuple):
     row: EpisodeRow
     frames: list[NDArray[np.uint8]]  # per view (S, S)
     moves: list[str]  # name of the move between each view and the next, "blocked" where it led nowhere
+    boxes: list[NDArray[np.float32]]  # per view (5,) of the target; none where it fills every frame
+    crops: list[NDArray[np.uint8]]  # per view (S, S), zeros out of sight; none where the world has none
+    plan: Plan | None  # where the scene's views have poses
 
 
 class Place(NamedTuple):
@@ -84,8 +95,22 @@ def filmstrip(graph: ViewGraph, row: EpisodeRow) -> Filmstrip:
     scene = graph.scenes.index(row.scene)
     views = {graph.view_names[view]: int(view) for view in np.flatnonzero(graph.scene_of == scene)}
     path = [views[name] for name in row.path]
-    moves = [_move(graph, view, to) for view, to in pairwise(path)]
-    return Filmstrip(row, [np.asarray(graph.frames[view]) for view in path], moves)
+    target = graph.targets.index(row.target)
+    return Filmstrip(
+        row=row,
+        frames=[np.asarray(graph.frames[view]) for view in path],
+        moves=[_move(graph, view, to) for view, to in pairwise(path)],
+        boxes=[] if graph.pair_of is None else [graph.target_box(view, target) for view in path],
+        crops=[] if graph.crops is None else [graph.crop(view, target) for view in path],
+        plan=_plan(graph, scene, path),
+    )
+
+
+def _plan(graph: ViewGraph, scene: int, path: Sequence[int]) -> Plan | None:
+    if graph.poses is None or not np.isfinite(graph.poses[path]).all():
+        return None
+    places = graph.poses[graph.scene_of == scene][:, :2]
+    return Plan(np.unique(places[np.isfinite(places).all(1)].round(2), axis=0), graph.poses[path])
 
 
 def _move(graph: ViewGraph, view: int, to: int) -> str:
@@ -104,7 +129,8 @@ def draw_filmstrips(panel: SubFigure, strips: Sequence[Filmstrip], player: str) 
         panel.text(0.5, 0.5, f"No episode is over within {LONGEST} views.", ha="center", color=FAINT)
         return
     inches = panel.bbox.width / panel.figure.dpi, panel.bbox.height / panel.figure.dpi
-    across = min(_WIDE / max(len(strip.frames) for strip in strips), 0.25)
+    columns = [len(strip.frames) + (strip.plan is not None) for strip in strips]
+    across = min(_WIDE / max(columns), 0.25)
     down = _HIGH / max(len(strips), 4)
     side = min(across * 0.70 * inches[0], down * 0.76 * inches[1])
     for i, strip in enumerate(strips):
@@ -116,11 +142,17 @@ def _draw_strip(panel: SubFigure, strip: Filmstrip, place: Place, across: float)
     """Views from left to right, a move's name between two, the answer behind the last."""
     row = strip.row
     middle = place.y + place.height / 2
-    for frame, named in zip(strip.frames, row.answers, strict=True):
+    if strip.plan is not None:
+        _draw_plan(panel.add_axes(place), strip.plan, RIGHT if row.right else WRONG)
+        place = place._replace(x=place.x + across)
+    begin = place.x
+    for i, (frame, named) in enumerate(zip(strip.frames, row.answers, strict=True)):
         axes = panel.add_axes(place)
         axes.imshow(frame, cmap="gray", vmin=0, vmax=255)
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set(color=FAINT, linewidth=0.8)
+        if strip.boxes:
+            _draw_target(axes, strip.boxes[i], strip.crops[i] if strip.crops else None, len(frame))
         centre, colour = place.x + place.width / 2, RIGHT if named == row.label else WRONG
         panel.text(
             centre, place.y - 0.006, _lines(named, 16, 1), fontsize=10, ha="center", va="top", color=colour
@@ -129,15 +161,49 @@ def _draw_strip(panel: SubFigure, strip: Filmstrip, place: Place, across: float)
     colour = RIGHT if row.right else WRONG
     axes.spines[:].set(color=colour, linewidth=2.5)
     for i, move in enumerate(strip.moves):
-        centre = _MARGIN + (i + 0.5) * across + place.width / 2
+        centre = begin + (i + 0.5) * across + place.width / 2
         panel.text(centre, middle + 0.006, "→", fontsize=15, ha="center", va="center", color=INK)
-        short = move.removeprefix("orbit_").replace("_", "\n")
-        panel.text(centre, middle - 0.010, short, fontsize=9, ha="center", va="top", color=INK)
+        short = move.removeprefix("orbit_").replace("backward", "back").replace("_", "\n")
+        size = 9 if across > 0.18 else 7.5
+        panel.text(centre, middle - 0.010, short, fontsize=size, ha="center", va="top", color=INK)
     x = place.x - across + place.width + 0.015
     answer = ("✓ " if row.right else "✗ ") + _lines(row.answer, 14, 2)
     panel.text(x, middle, answer, fontsize=12, fontweight="bold", color=colour, va="center")
     if not row.right:
         panel.text(x, middle - 0.024, f"is {_lines(row.label, 14, 2)}", fontsize=10.5, color=INK, va="top")
+
+
+def _draw_target(axes: Axes, box: NDArray[np.float32], crop: NDArray[np.uint8] | None, side: int) -> None:
+    """The target's box in a frame, and its crop as the network sees it in the lower right corner."""
+    from matplotlib.patches import Rectangle
+
+    if not box[4]:
+        return
+    cx, cy, width, height = (side * float(x) for x in box[:4])
+    corner = cx - width / 2 - 0.5, cy - height / 2 - 0.5
+    axes.add_patch(Rectangle(corner, width, height, fill=False, edgecolor=BOX, linewidth=1.4))
+    if crop is not None:
+        inset = axes.inset_axes((0.64, 0.0, 0.36, 0.36))
+        inset.imshow(crop, cmap="gray", vmin=0, vmax=255)
+        inset.set(xticks=[], yticks=[])
+        inset.spines[:].set(color=BOX, linewidth=1.2)
+
+
+def _draw_plan(axes: Axes, plan: Plan, colour: str) -> None:
+    """Recorded places as dots, the way gone as a line, and at each view where the camera looked."""
+    axes.scatter(plan.points[:, 0], plan.points[:, 1], s=3, color="#c8cfd6")
+    x, y, heading = plan.path.astype(np.float64).T
+    axes.plot(x, y, color=INK, linewidth=1.2, zorder=2)
+    aside, ahead = 0.45 * np.sin(np.radians(heading)), 0.45 * np.cos(np.radians(heading))
+    colours = [INK] * (len(x) - 1) + [colour]
+    axes.quiver(
+        x, y, aside, ahead, color=colours, angles="xy", scale_units="xy", scale=1, width=0.014, zorder=3
+    )
+    axes.scatter(x[:1], y[:1], s=26, facecolor="white", edgecolor=INK, zorder=4)
+    axes.scatter(x[-1:], y[-1:], s=22, color=colour, zorder=4)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
 
 
 def _lines(name: str, width: int, most: int) -> str:

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from activelsd.evaluate.figure import draw
 from activelsd.evaluate.filmstrips import choose, filmstrip
 from activelsd.evaluate.protocol import EpisodeRow
 from activelsd.evaluate.table import text
+from tests.evaluate.lattice import lattice
 from tests.evaluate.worlds import CLASSES, RULES, network, ring, row
 
 GRAPH = ring(27)
@@ -291,6 +293,29 @@ def test_strips_show_views_and_moves() -> None:
     first = GRAPH.scenes.index("door/01") * 6
     for frame, view in zip(strip.frames, (2, 4, 4, 1), strict=True):
         assert np.array_equal(frame, GRAPH.frames[first + view])
+
+
+def test_a_filmstrip_of_a_walk_has_boxes_crops_and_a_plan() -> None:
+    graph = lattice(side=5, thing=(2.0, 4.5))
+    poses = np.array([[float(part) for part in name.split("_")] for name in graph.view_names], np.float32)
+    graph = replace(graph, poses=poses)
+    path = ("2_0_0", "2_1_0", "2_1_180")
+    walked = row(scene="room", target="room/cup", start=path[0], views=3, path=path, answers=("cup",) * 3)
+    strip = filmstrip(graph, walked)
+    assert strip.moves[0] == "forward"
+    assert strip.plan is not None
+    assert len(strip.plan.points) == 25
+    assert strip.plan.path.tolist() == [[2, 0, 0], [2, 1, 0], [2, 1, 180]]
+    near, far = strip.boxes[1], strip.boxes[0]
+    assert near[2] > far[2] > 0
+    assert not strip.boxes[2].any(), "it is behind"
+    assert not strip.crops[2].any()
+    one = assemble({"trained": [walked]}, {"trained": 3}, graph, split="test", per_object=None, seed=0)
+    assert draw(one).startswith(b"\x89PNG")
+    poses[5] = np.nan
+    assert filmstrip(graph, walked).plan is not None
+    poses[:] = np.nan
+    assert filmstrip(graph, walked).plan is None
 
 
 @pytest.mark.parametrize("views", [1, 9])
