@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import asdict, replace
+from typing import Any, NamedTuple
 
 import torch
 
-from activelsd.config import ModelNetSettings, PolicySettings, RulesSettings, World
+from activelsd.config import ModelNetSettings, PolicySettings, RulesSettings, RunConfig, World
 from activelsd.envs.episode import PRESETS, EpisodeRules
+from activelsd.envs.graphenv import ViewGraphEnv, tree_of
 from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.envs.modelnet.orbit import ORBIT_MOVES, ring_table
 from activelsd.envs.modelnet.shapes import CATEGORIES
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
-from activelsd.policy.lsdnet import NetworkShape
+from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.train.actors.ga3c.actors import GA3CActors
+from activelsd.train.actors.ga3c.player import Env
+from activelsd.train.actors.ga3c.process import EnvSpec
+from activelsd.train.actors.protocol import MakeActors
+from activelsd.train.actors.resident import on_graph
 
 Progress = Callable[[int, int], None]
 """Called with what is done and what there is in all."""
@@ -28,25 +35,30 @@ class WorldKind(NamedTuple):
     moves: Sequence[str]
     datasets: str
     graph: Callable[[World, Progress | None], ViewGraph]
+    options: Callable[[World], dict[str, Any]]  # the environment's keyword arguments
+
+
+def _modelnet_options(settings: ModelNetSettings) -> dict[str, Any]:
+    """The world as its environment's keyword arguments, in values that JSON holds."""
+    dataset = settings.dataset
+    return {
+        "path": None if dataset.path is None else str(dataset.path),
+        "split": dataset.split,
+        "train_per_class": dataset.train_per_class,
+        "test_per_class": dataset.test_per_class,
+        "dataset_seed": dataset.seed,
+        "classes": dataset.classes,
+        "size": settings.size,
+        "elevations": settings.elevations,
+        "navigate": settings.navigate,
+        "cache": None if settings.cache is None else str(settings.cache),
+    }
 
 
 def _modelnet_graph(settings: ModelNetSettings, progress: Progress | None) -> ViewGraph:
     # A misspelled move is to be heard of before minutes of rendering.
     ring_table(settings.navigate, len(settings.elevations))
-    dataset = settings.dataset
-    return modelnet_graph(
-        path=dataset.path,
-        split=dataset.split,
-        train_per_class=dataset.train_per_class,
-        test_per_class=dataset.test_per_class,
-        dataset_seed=dataset.seed,
-        classes=dataset.classes,
-        size=settings.size,
-        elevations=settings.elevations,
-        navigate=settings.navigate,
-        cache=settings.cache,
-        progress=progress,
-    )
+    return modelnet_graph(**_modelnet_options(settings), progress=progress)
 
 
 WORLDS: dict[str, WorldKind] = {
@@ -55,6 +67,7 @@ WORLDS: dict[str, WorldKind] = {
         moves=tuple(ORBIT_MOVES),
         datasets=f"embedded shapes ({len(CATEGORIES)} classes), or meshes or views at env.dataset.path",
         graph=_modelnet_graph,
+        options=_modelnet_options,
     ),
 }
 """Every world, by the name its settings have."""
@@ -82,6 +95,37 @@ def build_shape(settings: PolicySettings, graph: ViewGraph) -> NetworkShape:
         crops=graph.crops is not None,
         features=settings.features,
     )
+
+
+def build_actors(config: RunConfig, graph: ViewGraph, device: str) -> MakeActors:
+    """Who plays the training episodes of a config's world."""
+    settings, rules, frames = config.train, build_rules(config.env.rules), config.policy.frames
+
+    if settings.actors == "resident":
+        return on_graph(graph, rules, settings, frames=frames, backend=config.env.name, device=device)
+
+    def ga3c(network: LSDNet, seed: int) -> GA3CActors:
+        world: EnvSpec | Callable[[], Env]
+        if settings.ga3c.kind == "threads":
+            world = lambda: ViewGraphEnv(graph, rules, frames=frames, backend=config.env.name)  # noqa: E731
+        else:
+            kind = WORLDS[config.env.name]
+            options = kind.options(config.env) | {"rules": asdict(rules), "frames": frames}
+            world = EnvSpec(id=f"activelsd.envs:{kind.environment}", kwargs=options, tree=tree_of(graph))
+        return GA3CActors(world, network, settings.ga3c, settings.length, seed)
+
+    return ga3c
+
+
+def build_threads(config: RunConfig) -> int | None:
+    """PyTorch's threads: the number asked for; None for PyTorch's own choice.
+
+    Under GA3C, predictors and learner compute at the same time beside the agents, and two of PyTorch's
+    threads that want one core are far slower than one, so each of them gets its share of half the cores.
+    """
+    if config.threads is not None or config.train.actors == "resident":
+        return config.threads
+    return max(1, (os.cpu_count() or 1) // (2 * (1 + config.train.ga3c.predictors)))
 
 
 def build_device(name: str, threads: int | None) -> str:

@@ -6,10 +6,18 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from activelsd.build import build_device, build_graph, build_rules, build_shape
+from activelsd.build import (
+    build_actors,
+    build_device,
+    build_graph,
+    build_rules,
+    build_shape,
+    build_threads,
+)
 from activelsd.compose import change, load
 from activelsd.config import RunConfig, dump
 from activelsd.console import notice, progress
+from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import RunError, UserError
 from activelsd.evaluate.compare import measure
@@ -34,7 +42,7 @@ def begin(config: RunConfig) -> Path:
         UserError: something of the config does not fit; no folder is left behind.
         KeyboardInterrupt: stopped; its text says how to go on.
     """
-    device, graph = build_device(config.device, config.threads), open_graph(config)
+    device, graph = build_device(config.device, build_threads(config)), open_graph(config)
     run = Run.create(config.runs, config.name or config.env.name, dump(config))
     try:
         return _train(config, run, graph, device)
@@ -47,7 +55,7 @@ def begin(config: RunConfig) -> Path:
 def resume(folder: Path, words: Sequence[str]) -> Path:
     """Go on with a run from its last checkpoint, or from its beginning where it has none yet; its folder."""
     run, config = Run(folder), resumed_config(folder, words)
-    device, graph = build_device(config.device, config.threads), open_graph(config)
+    device, graph = build_device(config.device, build_threads(config)), open_graph(config)
     if words:
         temporary = folder / f"{CONFIG}.tmp"
         temporary.write_text(dump(config))
@@ -72,13 +80,12 @@ def _train(config: RunConfig, run: Run, graph: ViewGraph, device: str) -> Path:
     try:
         trainer = Trainer(
             run,
-            graph,
-            rules,
+            tree_of(graph),
             build_shape(config.policy, graph),
             config.train,
+            build_actors(config, graph, device),
             seed=config.seed,
             device=device,
-            backend=config.env.name,
             evaluate=evaluate if has_val else None,
             resume=_has_checkpoint(run),
         )

@@ -20,8 +20,10 @@ import numpy as np
 import torch
 
 from activelsd.envs.episode import PRESETS
+from activelsd.envs.graphenv import tree_of
 from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.train.actors.resident import on_graph
 from activelsd.train.run import Run
 from activelsd.train.settings import TrainSettings
 from activelsd.train.statistics import Statistics
@@ -89,7 +91,9 @@ def main() -> None:
     shape = NetworkShape(memory=options.memory, frames=3 if options.memory == "stack" else 1)
     with tempfile.TemporaryDirectory() as folder:
         run = Run.create(Path(folder), "throughput", "")
-        trainer = Trainer(run, graph, PRESETS["V4"], shape, TrainSettings(steps=10**9), seed=0)
+        settings = TrainSettings(steps=10**9)
+        actors = on_graph(graph, PRESETS["V4"], settings, frames=shape.frames)
+        trainer = Trainer(run, tree_of(graph), shape, settings, actors, seed=0)
         contestants = {
             f"bare network, batch {b}": bare_step(new_network(trainer.network.tree, shape, 0), b)
             for b in BATCHES

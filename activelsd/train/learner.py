@@ -9,6 +9,7 @@ from activelsd.policy.lsdnet import LSDNet
 from activelsd.train.losses import Losses, Weights, a3c_losses, n_step_returns
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
+from activelsd.train.vtrace import vtrace
 
 
 class Learner:
@@ -60,7 +61,15 @@ class Learner:
             # state that would have followed is the value of this one.
             rewards = rewards + settings.gamma * output.value.detach() * rollout.truncated
         ended = rollout.terminated | rollout.truncated
-        returns = n_step_returns(rewards, ended, rollout.bootstrap, settings.gamma)
+        distribution = self.network.distribution(output.logits, rollout.mask, rollout.epsilon)
+        gamma, advantages = settings.gamma, None
+        if settings.vtrace and rollout.behaviour is not None:
+            ratios = distribution.log_prob(rollout.actions).detach() - rollout.behaviour
+            returns, advantages = vtrace(
+                ratios, rewards, ended, output.value.detach(), rollout.bootstrap, gamma
+            )
+        else:
+            returns = n_step_returns(rewards, ended, rollout.bootstrap, gamma)
         annealed = progress / settings.anneal
         weights = Weights(
             settings.value_weight,
@@ -68,8 +77,9 @@ class Learner:
             settings.entropy_leaf.at(annealed),
             settings.supervised,
         )
-        distribution = self.network.distribution(output.logits, rollout.mask, rollout.epsilon)
-        return a3c_losses(distribution, output.value, rollout.actions, returns, rollout.labels, weights)
+        return a3c_losses(
+            distribution, output.value, rollout.actions, returns, rollout.labels, weights, advantages
+        )
 
     def state(self) -> dict[str, Tensor]:
         """The optimiser's tensors by `parameter/quantity`, for a checkpoint."""

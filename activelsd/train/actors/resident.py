@@ -5,10 +5,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.vector import Step, ViewGraphVectorEnv
+from activelsd.envs.viewgraph import ViewGraph
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, Output
+from activelsd.train.actors.protocol import MakeActors
 from activelsd.train.rollout import Rollout
+from activelsd.train.settings import TrainSettings
 
 
 class ResidentActors:
@@ -68,6 +72,13 @@ class ResidentActors:
             ),
         )
 
+    def measures(self) -> dict[str, float]:
+        """Nothing beside what rollouts say."""
+        return {}
+
+    def close(self) -> None:
+        """Nothing was started."""
+
     def state(self) -> dict[str, Tensor]:
         """Where every episode stands and what is remembered of it, for a checkpoint."""
         own = {"memory": self._memory, "first": self._first, "generator": self._generator.get_state()}
@@ -79,6 +90,26 @@ class ResidentActors:
         self._memory, self._first = tensors["memory"].to(device), tensors["first"].to(device)
         self._generator.set_state(tensors["generator"])
         self.env.load_state({k.removeprefix("env/"): v for k, v in tensors.items() if k.startswith("env/")})
+
+
+def on_graph(
+    graph: ViewGraph,
+    rules: EpisodeRules,
+    settings: TrainSettings,
+    *,
+    frames: int,
+    backend: str = "recording",
+    device: str = "cpu",
+) -> MakeActors:
+    """Actors that play the training episodes of a graph, K = `frames` views stacked."""
+
+    def make(network: LSDNet, seed: int) -> ResidentActors:
+        env = ViewGraphVectorEnv(
+            graph, rules, num_envs=settings.envs, frames=frames, backend=backend, device=device
+        )
+        return ResidentActors(env, network, settings.length, seed)
+
+    return make
 
 
 def _one(observation: dict[str, Tensor]) -> dict[str, Tensor]:
