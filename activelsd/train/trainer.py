@@ -112,8 +112,7 @@ class Trainer:
         epsilon = Epsilon(settings.epsilon_branch.at(annealed), settings.epsilon_leaf.at(annealed))
         rollout = self.actors.collect(epsilon)
         if rollout.output is None:
-            output = self.network(rollout.observation, rollout.state, rollout.first)
-            rollout = replace(rollout, output=output)
+            rollout = replace(rollout, output=self.learner.output(rollout))
         losses = self.learner.update(rollout, progress)
         statistics.add(rollout, self.network, losses)
         self.step += rollout.rewards.numel()

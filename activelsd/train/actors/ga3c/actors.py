@@ -67,7 +67,9 @@ class GA3CActors:
         self._gauges = Gauges()
         self._asks: BatchQueue[int] = BatchQueue()
         self._full: BatchQueue[Trajectory] = BatchQueue(limit=size)
-        self._ready: BatchQueue[Batch] = BatchQueue(limit=1)
+        self._orders: BatchQueue[None] = BatchQueue()
+        self._ready: BatchQueue[Batch] = BatchQueue()
+        self._ordered = 0  # batches not yet taken
         self._size, self._layout = size, layout
         memory = network.initial_state(layout.agents * layout.envs).view(layout.agents, layout.envs, -1)
         self._desk = Desk(network, Slots(layout), {}, memory, self._full, self._gauges)
@@ -97,7 +99,11 @@ class GA3CActors:
         self._gauges.mean("training_queue", len(self._full) * self._layout.envs)
         began = time.monotonic()
         try:
+            while self._ordered < max(1, len(self._trainers)):
+                self._orders.put(None)
+                self._ordered += 1
             rollout, versions = self._ready.take(1, 1)[0]
+            self._ordered -= 1
         except ClosedError:
             if self._failure is None:
                 raise
@@ -129,7 +135,7 @@ class GA3CActors:
         if self._closed:
             return
         self._closed = True
-        for queue in (self._asks, self._full, self._ready):
+        for queue in (self._asks, self._full, self._orders, self._ready):
             queue.close()
         self._release()
         if self._adjuster is not None:
@@ -215,7 +221,9 @@ class GA3CActors:
         )
 
     def _trainer(self) -> TrainerThread:
-        return TrainerThread(self._make_batch, self._full, self._ready, size=self._size, fail=self._fail)
+        return TrainerThread(
+            self._make_batch, self._orders, self._full, self._ready, size=self._size, fail=self._fail
+        )
 
     def _make_batch(self, trajectories: Sequence[Trajectory]) -> Batch:
         desk = self._desk
@@ -232,7 +240,7 @@ class GA3CActors:
     def _fail(self, error: Exception) -> None:
         """Have the learner raise an error, the first if there are several."""
         self._failure = self._failure or error
-        for queue in (self._asks, self._full, self._ready):
+        for queue in (self._asks, self._full, self._orders, self._ready):
             queue.close()
 
 

@@ -29,20 +29,12 @@ class BatchQueue(Generic[Item]):
     def put(self, item: Item) -> None:
         """Append an item, as soon as there is room. Raises ClosedError."""
         with self._changed:
-            self._wait_for_room()
+            while self._limit is not None and len(self._items) >= self._limit and not self._closed:
+                self._changed.wait()
+            if self._closed:
+                raise ClosedError
             self._items.append((time.monotonic(), item))
             self._changed.notify_all()
-
-    def wait_for_room(self) -> None:
-        """Return as soon as `put` would not wait. Raises ClosedError."""
-        with self._changed:
-            self._wait_for_room()
-
-    def _wait_for_room(self) -> None:
-        while self._limit is not None and len(self._items) >= self._limit and not self._closed:
-            self._changed.wait()
-        if self._closed:
-            raise ClosedError
 
     def take(self, least: int, most: int, patience: float = 0.0) -> list[Item]:
         """Up to `most` items, as soon as there are so many, or `least` and the oldest has waited long enough.

@@ -22,28 +22,31 @@ class Batch(NamedTuple):
 
 
 class TrainerThread(threading.Thread):
-    """Has the next batch on the network's device while the learner is at the one before."""
+    """Fills the learner's orders: of several trainers, all but one have a batch ready ahead of it."""
 
     def __init__(
         self,
         make: Callable[[Sequence[Trajectory]], Batch],
+        orders: BatchQueue[None],
         full: BatchQueue[Trajectory],
         ready: BatchQueue[Batch],
         *,
         size: int,
         fail: Callable[[Exception], None],
     ) -> None:
-        """Move from one queue to the other.
+        """Move from the training queue to the learner.
 
         Args:
             make: puts trajectories side by side.
+            orders: one for each batch that is to be made; what lies ready without one would grow old.
             full: the training queue.
             ready: where the learner takes batches.
             size: trajectories of a batch.
             fail: called with what ends the training.
         """
         super().__init__(name="trainer", daemon=True)
-        self._make, self._full, self._ready, self._size, self._fail = make, full, ready, size, fail
+        self._make, self._orders, self._full, self._ready = make, orders, full, ready
+        self._size, self._fail = size, fail
         self._stopping = False
 
     def stop(self) -> None:
@@ -54,8 +57,7 @@ class TrainerThread(threading.Thread):
         """Batch until stopped."""
         try:
             while not self._stopping:
-                # One batch ahead and no more: what lies there grows old.
-                self._ready.wait_for_room()
+                self._orders.take(1, 1)
                 self._ready.put(self._make(self._full.take(self._size, self._size)))
         except ClosedError:
             pass
