@@ -46,7 +46,7 @@ class GA3CSettings(BaseModel):
     predictors: int = Field(1, ge=1, description="threads that answer what waits in the prediction queue")
     prediction_batch: int = Field(128, ge=1, description="most observations answered at once")
     prediction_wait_ms: float = Field(
-        1.0, ge=0, description="how long an agent may wait for others to ask too; 0: answer what waits"
+        0.0, ge=0, description="how long an agent may wait for others to ask too; 0: answer what waits"
     )
     trainers: int = Field(1, ge=1, description="threads that batch what waits in the training queue")
     training_batch: int | None = Field(

@@ -56,7 +56,10 @@ class Agent(threading.Thread):
         self._stopping = False
 
     def answer(self) -> None:
-        """Say that the actions stand in the slots."""
+        """Have the actions taken that stand in the slots."""
+        # Straight to the player: waking this thread first would cost a step of the machine's scheduler.
+        if self.player is not None:
+            self.player.go()
         self._answered.release()
 
     def stop(self) -> None:
@@ -89,17 +92,18 @@ class Agent(threading.Thread):
                 self.player.begin()
             while not self._stopping:
                 around.asks.put(self.number)
-                self._answered.acquire()
-                if not self._stopping:
-                    self.player.step()
+                try:
+                    self.player.wait()
+                finally:  # a process may die before it is answered; until then the slots are the predictor's
+                    self._answered.acquire()
         except (ActiveLSDError, ClosedError):
             raise
         except Exception:  # noqa: BLE001  a player in this process; its own traceback is what helps
             raise AgentLost(f"failed:\n{traceback.format_exc()}") from None
         finally:
             if self.player is not None:
-                self.player.close()
-                self.player = None
+                player, self.player = self.player, None
+                player.close()
 
     def _mourn(self, loss: AgentLost, lost: int) -> None:
         """Write down what is lost; at most so many times."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -16,13 +17,19 @@ Env = gymnasium.Env[Observation, np.int64]
 
 
 class Player(Protocol):
-    """Steps the environments of one agent; between two calls its slots are the predictor's."""
+    """Steps the environments of one agent.
+
+    `go` is called by whoever has written the actions, everything else by the agent's thread.
+    """
 
     def begin(self) -> None:
         """Begin the first episodes."""
 
-    def step(self) -> None:
-        """Take the actions that stand in the slots; an episode that ends is followed by the next at once."""
+    def go(self) -> None:
+        """Have the actions that stand in the slots taken; an episode that ends is followed by the next."""
+
+    def wait(self) -> None:
+        """Return when that is done, called before it or after."""
 
     def close(self) -> None:
         """Let go of the environments."""
@@ -40,7 +47,7 @@ class EnvPlayer:
         self._envs: list[Env] = []
         self._slots = {name: array[agent] for name, array in slots.arrays.items()}
         self._parts = tuple(slots.layout.observation)
-        self._seed = seed
+        self._seed, self._told = seed, threading.Semaphore(0)
         try:
             for _ in range(slots.layout.envs):
                 self._envs.append(make())
@@ -56,6 +63,15 @@ class EnvPlayer:
             observation, info = env.reset(seed=self._seed + i)
             slots["reward"][i], slots["terminated"][i], slots["truncated"][i] = 0.0, False, False
             self._show(i, observation, info, first=True)
+
+    def go(self) -> None:
+        """Let `wait` take the step: this thread has others to answer."""
+        self._told.release()
+
+    def wait(self) -> None:
+        """Take the step when told to."""
+        self._told.acquire()
+        self.step()
 
     def step(self) -> None:
         """Take an action in each environment."""

@@ -102,6 +102,7 @@ class ProcessPlayer:
             wanted: asked while it is waited for; False ends the waiting.
         """
         self._timeout, self._wanted = timeout, wanted
+        self._since: float | None = time.monotonic()  # when it was told to do something not yet done
         self._trace: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  faulthandler's
         files = {"memory": slots.file, "lifeline": lifeline.read, "trace": self._trace.fileno()}
         job = {"files": files, "layout": asdict(slots.layout), "agent": agent, "seed": seed}
@@ -124,34 +125,35 @@ class ProcessPlayer:
 
         Raises:
             UserError: the environment cannot be made, and the mistake is the user's.
-            AgentLost: as `step`.
+            AgentLost: as `wait`.
         """
-        self._wait()
+        self.wait()
 
-    def step(self) -> None:
-        """Ring, and wait until the step is taken.
-
-        Raises:
-            AgentLost: the environment raised, the process died, or it was silent for too long.
-        """
+    def go(self) -> None:
+        """Ring."""
+        self._since = time.monotonic()
         self._tell(b"\n")
-        self._wait()
 
     def _tell(self, message: bytes) -> None:
         with suppress(BrokenPipeError):  # it died; waiting for its answer says how
             self._bell.write(message)
 
-    def _wait(self) -> None:
-        deadline = time.monotonic() + self._timeout
+    def wait(self) -> None:
+        """Return when the step is taken.
+
+        Raises:
+            AgentLost: the environment raised, the process died, or it was silent for too long.
+        """
         while not self._poll.poll(_GLANCE * 1000):
             if not self._wanted():
                 raise AgentLost("was not wanted any more")
-            if time.monotonic() > deadline:
+            if self._since is not None and time.monotonic() > self._since + self._timeout:
                 self._process.send_signal(_WHERE)
                 time.sleep(_GLANCE)
                 raise AgentLost(f"was silent for {self._timeout:g} s{self._trace_text()}")
         answer = self._answers.read(1)
         if answer == _DONE:
+            self._since = None
             return
         if answer == _FAILED:
             failure = json.loads(self._answers.readline())
