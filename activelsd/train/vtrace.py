@@ -46,7 +46,7 @@ def vtrace(
     """
     ratios = log_ratios.exp()
     rhos, cs = ratios.clamp(max=rho_clip), ratios.clamp(max=c_clip)
-    discounts = gamma * ~ended
+    discounts = gamma * (~ended).to(values.dtype)
     following = torch.cat([values[1:], bootstrap[None]])
     deltas = rhos * (rewards + discounts * following - values)
 

@@ -205,6 +205,7 @@ class GA3CActors:
             number,
             seed,
             lifeline=self._lifeline,
+            start_timeout=self._settings.start_timeout_s,
             timeout=self._settings.timeout_s,
             wanted=wanted,
         )

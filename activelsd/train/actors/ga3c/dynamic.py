@@ -66,17 +66,17 @@ class Adjuster(threading.Thread):
         super().__init__(name="adjuster", daemon=True)
         self._walk, self._every, self._steps = walk, every, steps
         self._resize, self._fail = resize, fail
-        self._stop = threading.Event()
+        self._end = threading.Event()
 
     def stop(self) -> None:
         """End now."""
-        self._stop.set()
+        self._end.set()
 
     def run(self) -> None:
         """Adjust until stopped."""
         before = self._steps()
         try:
-            while not self._stop.wait(self._every):
+            while not self._end.wait(self._every):
                 now = self._steps()
                 self._resize(self._walk.turn((now - before) / self._every))
                 before = self._steps()

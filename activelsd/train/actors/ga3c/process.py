@@ -87,6 +87,7 @@ class ProcessPlayer:
         seed: int,
         *,
         lifeline: Lifeline,
+        start_timeout: float,
         timeout: float,
         wanted: Callable[[], bool],
     ) -> None:
@@ -98,10 +99,11 @@ class ProcessPlayer:
             agent: its number there.
             seed: of its first environment.
             lifeline: of this process.
-            timeout: seconds it may be silent.
+            start_timeout: seconds it may take to show the first views.
+            timeout: seconds it may take for a step.
             wanted: asked while it is waited for; False ends the waiting.
         """
-        self._timeout, self._wanted = timeout, wanted
+        self._start_timeout, self._timeout, self._wanted = start_timeout, timeout, wanted
         self._since: float | None = time.monotonic()  # when it was told to do something not yet done
         self._trace: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  faulthandler's
         files = {"memory": slots.file, "lifeline": lifeline.read, "trace": self._trace.fileno()}
@@ -127,7 +129,7 @@ class ProcessPlayer:
             UserError: the environment cannot be made, and the mistake is the user's.
             AgentLost: as `wait`.
         """
-        self.wait()
+        self._wait(self._start_timeout)
 
     def go(self) -> None:
         """Ring."""
@@ -144,13 +146,16 @@ class ProcessPlayer:
         Raises:
             AgentLost: the environment raised, the process died, or it was silent for too long.
         """
+        self._wait(self._timeout)
+
+    def _wait(self, timeout: float) -> None:
         while not self._poll.poll(_GLANCE * 1000):
             if not self._wanted():
                 raise AgentLost("was not wanted any more")
-            if self._since is not None and time.monotonic() > self._since + self._timeout:
+            if self._since is not None and time.monotonic() > self._since + timeout:
                 self._process.send_signal(_WHERE)
                 time.sleep(_GLANCE)
-                raise AgentLost(f"was silent for {self._timeout:g} s{self._trace_text()}")
+                raise AgentLost(f"was silent for {timeout:g} s{self._trace_text()}")
         answer = self._answers.read(1)
         if answer == _DONE:
             self._since = None
