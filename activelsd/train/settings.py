@@ -41,9 +41,7 @@ class GA3CSettings(BaseModel):
     )
     starting: int = Field(4, ge=1, description="agents that start at the same time")
     start_timeout_s: float = Field(300.0, gt=0, description="seconds that a process may take to start")
-    timeout_s: float = Field(
-        60.0, gt=0, description="seconds that a step may take before it is replaced"
-    )
+    timeout_s: float = Field(60.0, gt=0, description="seconds that a step may take before it is replaced")
     restarts: int = Field(10, ge=0, description="how often an agent is replaced before training gives up")
 
     predictors: int = Field(1, ge=1, description="threads that answer what waits in the prediction queue")
