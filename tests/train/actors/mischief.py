@@ -26,7 +26,7 @@ class Mischief(ViewGraphEnv):
         """Set the trap.
 
         Args:
-            how: `raise`, `hang`, `die` or `exit`, or `make` to raise at once.
+            how: `raise`, `hang`, `die` or `exit`, or, at once, `make` to raise and `stall` to hang.
             at: the step at which it happens.
             once: a file; the first to make it is the only one to whom it happens.
             sleep: seconds that a step takes.
@@ -36,6 +36,8 @@ class Mischief(ViewGraphEnv):
         self._steps = 0
         if how == "make":
             raise RuntimeError("no simulator here")
+        if how == "stall":
+            self._hang()
 
     def step(self, action: np.int64 | int) -> Any:
         time.sleep(self._sleep)

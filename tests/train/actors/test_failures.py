@@ -143,7 +143,7 @@ def test_closing_leaves_nothing(kind: str) -> None:
 
 
 def test_closing_while_agents_start_does_not_wait_for_them() -> None:
-    crew = actors("processes", agents=3, starting=1)
+    crew = actors("processes", agents=3, starting=1, how="stall")
 
     def run() -> None:
         with pytest.raises(ClosedError):

@@ -58,8 +58,9 @@ class Agent(threading.Thread):
     def answer(self) -> None:
         """Have the actions taken that stand in the slots."""
         # Straight to the player: waking this thread first would cost a step of the machine's scheduler.
-        if self.player is not None:
-            self.player.go()
+        player = self.player
+        if player is not None:
+            player.go()
         self._answered.release()
 
     def stop(self) -> None:

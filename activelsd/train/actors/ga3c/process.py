@@ -137,7 +137,8 @@ class ProcessPlayer:
         self._tell(b"\n")
 
     def _tell(self, message: bytes) -> None:
-        with suppress(BrokenPipeError):  # it died; waiting for its answer says how
+        # It died, and waiting for its answer says how; or it is closed, when all agents are let go at once.
+        with suppress(BrokenPipeError, ValueError):
             self._bell.write(message)
 
     def wait(self) -> None:
