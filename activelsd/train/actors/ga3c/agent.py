@@ -110,8 +110,7 @@ class Agent(threading.Thread):
         """Write down what is lost; at most so many times."""
         around, who = self._around, f"Agent {self.number} ({self._around.world})"
         steps = self.recorder.drop()
-        around.gauges.count("agents_lost", 1)
-        around.gauges.count("steps_lost", steps)
+        around.gauges.count(agents_lost=1, steps_lost=steps)
         if lost > around.restarts:
             raise TrainingError(
                 f"{who} was lost {lost} times, more than train.ga3c.restarts={around.restarts}; mend the"

@@ -32,10 +32,11 @@ class Gauges:
         with self._lock:
             self._peaks[name] = max(value, self._peaks.get(name, value))
 
-    def count(self, name: str, amount: float) -> None:
-        """Something that is added up."""
+    def count(self, **amounts: float) -> None:
+        """Things that are added up; what is given together is read together."""
         with self._lock:
-            self._counts[name] += amount
+            for name, amount in amounts.items():
+                self._counts[name] += amount
 
     def rate(self, name: str, amount: float) -> None:
         """Something that is added up and divided by the time: a rate, or, of seconds, a share of the time."""
