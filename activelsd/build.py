@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import torch
 
-from activelsd.config import AVDSettings, ModelNetSettings, PolicySettings, RulesSettings, World
+from activelsd.config import AVDSettings, ModelNetSettings, PolicySettings, RulesSettings, RunConfig, World
 from activelsd.envs.avd.env import avd_graph, backend_of
 from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.episode import PRESETS, EpisodeRules
+from activelsd.envs.graphenv import ViewGraphEnv, tree_of
+from activelsd.envs.joint import Recording
 from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.envs.modelnet.orbit import ORBIT_MOVES, ring_table
 from activelsd.envs.modelnet.shapes import CATEGORIES
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
-from activelsd.policy.lsdnet import NetworkShape
+from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.train.actors.ga3c.actors import GA3CActors
+from activelsd.train.actors.ga3c.player import Env
+from activelsd.train.actors.ga3c.process import EnvSpec
+from activelsd.train.actors.protocol import MakeActors
+from activelsd.train.actors.resident import on_recordings
 
 Progress = Callable[[int, int], None]
 """Called with what is done and what there is in all."""
@@ -31,51 +39,60 @@ class WorldKind(NamedTuple):
     datasets: str
     graph: Callable[[Any, Progress | None], ViewGraph]  # from its settings
     backend: Callable[[Any], str]  # what makes the pictures, from its settings
+    options: Callable[[Any], dict[str, Any]]  # the environment's keyword arguments, from its settings
+
+
+def _modelnet_options(settings: ModelNetSettings) -> dict[str, Any]:
+    """The world as its environment's keyword arguments, in values that JSON holds."""
+    dataset = settings.dataset
+    return {
+        "path": None if dataset.path is None else str(dataset.path),
+        "split": dataset.split,
+        "train_per_class": dataset.train_per_class,
+        "test_per_class": dataset.test_per_class,
+        "dataset_seed": dataset.seed,
+        "classes": dataset.classes,
+        "size": settings.size,
+        "elevations": settings.elevations,
+        "navigate": settings.navigate,
+        "cache": None if settings.cache is None else str(settings.cache),
+    }
 
 
 def _modelnet_graph(settings: ModelNetSettings, progress: Progress | None) -> ViewGraph:
     # A misspelled move is to be heard of before minutes of rendering.
     ring_table(settings.navigate, len(settings.elevations))
-    dataset = settings.dataset
-    return modelnet_graph(
-        path=dataset.path,
-        split=dataset.split,
-        train_per_class=dataset.train_per_class,
-        test_per_class=dataset.test_per_class,
-        dataset_seed=dataset.seed,
-        classes=dataset.classes,
-        size=settings.size,
-        elevations=settings.elevations,
-        navigate=settings.navigate,
-        cache=settings.cache,
-        progress=progress,
-    )
+    return modelnet_graph(**_modelnet_options(settings), progress=progress)
+
+
+def _avd_options(settings: AVDSettings) -> dict[str, Any]:
+    """As `_modelnet_options`."""
+    dataset, starts = settings.dataset, settings.starts
+    return {
+        "path": None if dataset.path is None else str(dataset.path),
+        "split": dataset.split,
+        "train": dataset.train,
+        "test": dataset.test,
+        "scans": dataset.scans,
+        "width": dataset.width,
+        "height": dataset.height,
+        "seed": dataset.seed,
+        "task": settings.task,
+        "size": settings.size,
+        "navigate": settings.navigate,
+        "visible": starts.visible,
+        "max_difficulty": starts.max_difficulty,
+        "min_size": starts.min_size,
+        "max_size": starts.max_size,
+        "per_target": starts.per_target,
+        "scores": None if starts.scores is None else str(starts.scores),
+        "threshold": starts.threshold,
+        "cache": None if settings.cache is None else str(settings.cache),
+    }
 
 
 def _avd_graph(settings: AVDSettings, progress: Progress | None) -> ViewGraph:
-    dataset, starts = settings.dataset, settings.starts
-    return avd_graph(
-        path=dataset.path,
-        split=dataset.split,
-        train=dataset.train,
-        test=dataset.test,
-        scans=dataset.scans,
-        width=dataset.width,
-        height=dataset.height,
-        seed=dataset.seed,
-        task=settings.task,
-        size=settings.size,
-        navigate=settings.navigate,
-        visible=starts.visible,
-        max_difficulty=starts.max_difficulty,
-        min_size=starts.min_size,
-        max_size=starts.max_size,
-        per_target=starts.per_target,
-        scores=starts.scores,
-        threshold=starts.threshold,
-        cache=settings.cache,
-        progress=progress,
-    )
+    return avd_graph(**_avd_options(settings), progress=progress)
 
 
 WORLDS: dict[str, WorldKind] = {
@@ -85,6 +102,7 @@ WORLDS: dict[str, WorldKind] = {
         datasets=f"embedded shapes ({len(CATEGORIES)} classes), or meshes or views at env.dataset.path",
         graph=_modelnet_graph,
         backend=lambda settings: "modelnet",
+        options=_modelnet_options,
     ),
     "avd": WorldKind(
         environment="activelsd/AVD-v0",
@@ -92,6 +110,7 @@ WORLDS: dict[str, WorldKind] = {
         datasets="sample scans (rendered rooms), or scans of the Active Vision Dataset at env.dataset.path",
         graph=_avd_graph,
         backend=lambda settings: backend_of(settings.dataset.path),
+        options=_avd_options,
     ),
 }
 """Every world, by the name its settings have."""
@@ -124,6 +143,38 @@ def build_shape(settings: PolicySettings, *graphs: ViewGraph) -> NetworkShape:
         crops=any(graph.crops is not None for graph in graphs),
         features=settings.features,
     )
+
+
+def build_actors(config: RunConfig, worlds: Sequence[Recording], device: str) -> MakeActors:
+    """Who plays the training episodes of a config's worlds."""
+    settings, frames = config.train, config.policy.frames
+    if settings.actors == "resident":
+        return on_recordings(worlds, settings, frames=frames, device=device)
+    ((name, graph, rules, backend),) = worlds
+    own = config.worlds[name]
+
+    def ga3c(network: LSDNet, seed: int) -> GA3CActors:
+        world: EnvSpec | Callable[[], Env]
+        if settings.ga3c.kind == "threads":
+            world = lambda: ViewGraphEnv(graph, rules, frames=frames, backend=backend)  # noqa: E731
+        else:
+            kind = WORLDS[own.name]
+            options = kind.options(own) | {"rules": asdict(rules), "frames": frames}
+            world = EnvSpec(id=f"activelsd.envs:{kind.environment}", kwargs=options, tree=tree_of(graph))
+        return GA3CActors(world, network, settings.ga3c, settings.length, seed)
+
+    return ga3c
+
+
+def build_threads(config: RunConfig) -> int | None:
+    """PyTorch's threads: the number asked for; None for PyTorch's own choice.
+
+    Under GA3C, predictors and learner compute at the same time beside the agents, and two of PyTorch's
+    threads that want one core are far slower than one, so each of them gets its share of half the cores.
+    """
+    if config.threads is not None or config.train.actors == "resident":
+        return config.threads
+    return max(1, (os.cpu_count() or 1) // (2 * (1 + config.train.ga3c.predictors)))
 
 
 def build_device(name: str, threads: int | None) -> str:

@@ -240,6 +240,8 @@ class RunConfig(Section):
             raise ValueError(
                 f"policy.trunk=alexnet needs env.size of at least 63 pixels, not {self.env.size}"
             )
+        if self.train.actors == "ga3c" and len(self.worlds) > 1:
+            raise ValueError("train.actors=ga3c plays one world; for several set train.actors=resident")
         return self
 
 

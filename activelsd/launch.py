@@ -7,12 +7,20 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from activelsd.build import build_backend, build_device, build_graph, build_rules, build_shape
+from activelsd.build import (
+    build_actors,
+    build_backend,
+    build_device,
+    build_graph,
+    build_rules,
+    build_shape,
+    build_threads,
+)
 from activelsd.compose import change, load
 from activelsd.config import RunConfig, World, dump
 from activelsd.console import notice, progress
 from activelsd.envs.graphenv import tree_of
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import Recording, union
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import RunError, UserError
 from activelsd.evaluate.compare import measure
@@ -50,7 +58,7 @@ def begin(config: RunConfig) -> Path:
         UserError: something of the config does not fit; no folder is left behind.
         KeyboardInterrupt: stopped; its text says how to go on.
     """
-    device = build_device(config.device, config.threads)
+    device = build_device(config.device, build_threads(config))
     if config.policy.init is not None:
         find_checkpoint(config.policy.init)  # before the worlds are opened, which takes a while
     worlds = open_worlds(config)
@@ -66,7 +74,7 @@ def begin(config: RunConfig) -> Path:
 def resume(folder: Path, words: Sequence[str]) -> Path:
     """Go on with a run from its last checkpoint, or from its beginning where it has none yet; its folder."""
     run, config = Run(folder), resumed_config(folder, words)
-    device, worlds = build_device(config.device, config.threads), open_worlds(config)
+    device, worlds = build_device(config.device, build_threads(config)), open_worlds(config)
     if words:
         temporary = folder / f"{CONFIG}.tmp"
         temporary.write_text(dump(config))
@@ -94,9 +102,10 @@ def _train(config: RunConfig, run: Run, worlds: Sequence[Recording], device: str
     try:
         trainer = Trainer(
             run,
-            worlds,
+            union([tree_of(world.graph) for world in worlds]),
             shape,
             config.train,
+            build_actors(config, worlds, device),
             seed=config.seed,
             device=device,
             evaluate=evaluate if watched else None,

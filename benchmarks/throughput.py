@@ -2,7 +2,9 @@
 
 The bare network does, for every step, one acting forward and one learning forward with its backward and the
 optimiser, at the best of several batch sizes, on frames already in memory. The trainer does everything:
-episodes, exploration, losses, statistics. Both take turns, so a machine that slows down slows both.
+episodes, exploration, losses, statistics; with resident actors, and with GA3C's in threads and in processes.
+All take turns (GA3C's agents stand still at a full training queue meanwhile), so a machine that slows down
+slows all. CPU time is that of this process: what GA3C's processes spend on their environments is not in it.
 
     python benchmarks/throughput.py --seconds 5 --rounds 3
 """
@@ -15,20 +17,28 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import torch
 
 from activelsd.envs.episode import PRESETS
+from activelsd.envs.graphenv import ViewGraphEnv, tree_of
 from activelsd.envs.joint import Recording
 from activelsd.envs.modelnet.env import modelnet_graph
+from activelsd.envs.viewgraph import ViewGraph
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.train.actors.ga3c.actors import GA3CActors
+from activelsd.train.actors.ga3c.process import EnvSpec
+from activelsd.train.actors.protocol import MakeActors
+from activelsd.train.actors.resident import on_recordings
 from activelsd.train.run import Run
-from activelsd.train.settings import TrainSettings
+from activelsd.train.settings import GA3CSettings, TrainSettings
 from activelsd.train.statistics import Statistics
 from activelsd.train.trainer import Trainer, new_network
 
 BATCHES = (64, 128, 192, 320)
+WORLD: dict[str, Any] = {"train_per_class": 20, "test_per_class": 2}
 
 
 def bare_step(network: LSDNet, batch: int) -> Callable[[], int]:
@@ -55,13 +65,32 @@ def bare_step(network: LSDNet, batch: int) -> Callable[[], int]:
 
 def trainer_step(trainer: Trainer, sums: Statistics) -> Callable[[], int]:
     """One update of the trainer."""
-    settings = trainer.settings
 
     def step() -> int:
+        before = trainer.step
         trainer._update(sums)
-        return settings.envs * settings.length
+        return trainer.step - before
 
     return step
+
+
+def ga3c(
+    graph: ViewGraph,
+    frames: int,
+    settings: TrainSettings,
+    kind: Literal["processes", "threads"],
+    options: argparse.Namespace,
+) -> MakeActors:
+    """GA3C's actors with as many episodes side by side as the resident ones."""
+    envs = settings.envs // options.agents
+    chosen = GA3CSettings(kind=kind, agents=options.agents, envs_per_agent=envs)
+    world: EnvSpec | Callable[[], ViewGraphEnv]
+    if kind == "threads":
+        world = lambda: ViewGraphEnv(graph, PRESETS["V4"], frames=frames)  # noqa: E731
+    else:
+        kwargs = {"rules": "V4", "frames": frames, **WORLD}
+        world = EnvSpec(id="activelsd.envs:activelsd/ModelNet-v0", kwargs=kwargs, tree=tree_of(graph))
+    return lambda network, seed: GA3CActors(world, network, chosen, settings.length, seed)
 
 
 def rate(step: Callable[[], int], seconds: float) -> tuple[float, float]:
@@ -83,24 +112,33 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--threads", type=int, default=1, help="torch threads")
     parser.add_argument("--memory", default="pool", choices=("pool", "lstm", "stack"))
+    parser.add_argument("--agents", type=int, default=4, help="of ga3c; the episodes are dealt out to them")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
 
-    graph = modelnet_graph(train_per_class=20, test_per_class=2)
+    graph = modelnet_graph(**WORLD)
     shape = NetworkShape(memory=options.memory, frames=3 if options.memory == "stack" else 1)
+    settings, world = TrainSettings(steps=10**9), Recording("modelnet", graph, PRESETS["V4"])
+    crews = {
+        "resident": on_recordings([world], settings, frames=shape.frames),
+        "ga3c, threads": ga3c(graph, shape.frames, settings, "threads", options),
+        "ga3c, processes": ga3c(graph, shape.frames, settings, "processes", options),
+    }
+    contestants = {
+        f"bare network, batch {b}": bare_step(new_network(tree_of(graph), shape, 0), b) for b in BATCHES
+    }
     with tempfile.TemporaryDirectory() as folder:
         run = Run.create(Path(folder), "throughput", "")
-        world = Recording("modelnet", graph, PRESETS["V4"])
-        trainer = Trainer(run, [world], shape, TrainSettings(steps=10**9), seed=0)
-        contestants = {
-            f"bare network, batch {b}": bare_step(new_network(trainer.network.tree, shape, 0), b)
-            for b in BATCHES
+        trainers = {
+            name: Trainer(run, tree_of(graph), shape, settings, crew, seed=0) for name, crew in crews.items()
         }
-        contestants["trainer"] = trainer_step(trainer, Statistics())
+        contestants |= {name: trainer_step(trainer, Statistics()) for name, trainer in trainers.items()}
         rates: dict[str, list[tuple[float, float]]] = {name: [] for name in contestants}
         for _ in range(options.rounds):
             for name, step in contestants.items():
                 rates[name].append(rate(step, options.seconds))
+        for trainer in trainers.values():
+            trainer.actors.close()
     median = {
         name: tuple(statistics.median(column) for column in zip(*rows, strict=True))
         for name, rows in rates.items()
@@ -109,8 +147,9 @@ def main() -> None:
     for name, (wall, cpu) in median.items():
         print(f"{name:28} {wall:8.0f} steps/s   {cpu:8.0f} steps per CPU-second")
     for i, clock in enumerate(("wall", "CPU")):
-        best = max(values[i] for name, values in median.items() if name != "trainer")
-        print(f"trainer / best bare network, {clock} time: {median['trainer'][i] / best:.2f}")
+        best = max(values[i] for name, values in median.items() if name not in crews)
+        for name in crews:
+            print(f"{name} / best bare network, {clock} time: {median[name][i] / best:.2f}")
 
 
 if __name__ == "__main__":

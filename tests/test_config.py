@@ -271,6 +271,10 @@ def test_an_experiment_may_list_worlds(presets: Path) -> None:
         ("env=modelnet,{0}/flat.yaml env.sise=64", "env.sise is not a setting; did you mean env.size?"),
         ("env=modelnet,{0}/flat.yaml env.flat.navigate=[x]", "env.flat.navigate is not a setting;"),
         ("env.name=joint env.a.name=home", "A joint run needs two worlds or more; name them as in"),
+        (
+            "env=modelnet,{0}/flat.yaml env.size=96 train.actors=ga3c",
+            "train.actors=ga3c plays one world; for several set train.actors=resident.",
+        ),
     ],
 )
 def test_wrong_words_about_several_worlds(presets: Path, words: str, sentence: str) -> None:

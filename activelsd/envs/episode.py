@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,3 +82,10 @@ PRESETS: dict[str, EpisodeRules] = {
     "V6": EpisodeRules(ends_on_wrong=True, can_move=False),
 }
 """Table 1's variants by the names the authors' code gives them; V0 is the paper's best."""
+
+
+def as_rules(rules: str | Mapping[str, Any] | EpisodeRules) -> EpisodeRules:
+    """Rules from a preset's name or from their fields by name, as JSON holds them; rules as they are."""
+    if isinstance(rules, EpisodeRules):
+        return rules
+    return PRESETS[rules] if isinstance(rules, str) else EpisodeRules(**rules)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from activelsd.policy.lsdnet import LSDNet
+from activelsd.policy.lsdnet import LSDNet, Output
 from activelsd.train.losses import Losses, Weights, a3c_losses, n_step_returns
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
+from activelsd.train.vtrace import vtrace
+
+CACHED = 96
+"""Observations of the compact trunk whose activations fit a CPU's cache."""
 
 
 class Learner:
@@ -48,10 +52,24 @@ class Learner:
             "gradient": norm
         }
 
+    def output(self, rollout: Rollout) -> Output:
+        """The network's pass over a rollout, with its graph: the kept one, or one made now."""
+        if rollout.output is not None:
+            return rollout.output
+        length, envs = rollout.first.shape
+        # A CPU is a fifth faster on pieces whose activations stay in its cache.
+        size = length if rollout.first.is_cuda else max(1, CACHED // envs)
+        state, passes = rollout.state, []
+        for t in range(0, length, size):
+            observation = {name: value[t : t + size] for name, value in rollout.observation.items()}
+            passes.append(self.network(observation, state, rollout.first[t : t + size]))
+            state = passes[-1].state
+        return Output(torch.cat([p.logits for p in passes]), torch.cat([p.value for p in passes]), state)
+
     def losses(self, rollout: Rollout, progress: float) -> Losses:
         """The loss of a rollout, with its graph."""
         settings = self.settings
-        output = rollout.output or self.network(rollout.observation, rollout.state, rollout.first)
+        output = self.output(rollout)
         rewards = rollout.rewards
         if settings.reward_clip is not None:
             rewards = rewards.clamp(-settings.reward_clip, settings.reward_clip)
@@ -60,7 +78,15 @@ class Learner:
             # state that would have followed is the value of this one.
             rewards = rewards + settings.gamma * output.value.detach() * rollout.truncated
         ended = rollout.terminated | rollout.truncated
-        returns = n_step_returns(rewards, ended, rollout.bootstrap, settings.gamma)
+        distribution = self.network.distribution(output.logits, rollout.mask, rollout.epsilon)
+        gamma, advantages = settings.gamma, None
+        if settings.vtrace and rollout.behaviour is not None:
+            ratios = distribution.log_prob(rollout.actions).detach() - rollout.behaviour
+            returns, advantages = vtrace(
+                ratios, rewards, ended, output.value.detach(), rollout.bootstrap, gamma
+            )
+        else:
+            returns = n_step_returns(rewards, ended, rollout.bootstrap, gamma)
         annealed = progress / settings.anneal
         weights = Weights(
             settings.value_weight,
@@ -68,8 +94,9 @@ class Learner:
             settings.entropy_leaf.at(annealed),
             settings.supervised,
         )
-        distribution = self.network.distribution(output.logits, rollout.mask, rollout.epsilon)
-        return a3c_losses(distribution, output.value, rollout.actions, returns, rollout.labels, weights)
+        return a3c_losses(
+            distribution, output.value, rollout.actions, returns, rollout.labels, weights, advantages
+        )
 
     def state(self) -> dict[str, Tensor]:
         """The optimiser's tensors by `parameter/quantity`, for a checkpoint."""

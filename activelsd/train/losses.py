@@ -55,14 +55,18 @@ def a3c_losses(
     returns: Tensor,
     labels: Tensor,
     weights: Weights,
+    advantages: Tensor | None = None,
 ) -> Losses:
     """Losses over L x B steps.
 
     Equation 2's sign is turned, so that all terms are minimised: -log pi(a) (R - V), with (R - V) held fixed;
     equation 3: half the squared error of the value. Entropies are bonuses. The supervised term is the
-    cross-entropy of the class branch with the label, which is at hand during training.
+    cross-entropy of the class branch with the label, which is at hand during training. `advantages` (L, B)
+    take the place of (R - V) where they are corrected for another policy's actions.
     """
-    policy = -(distribution.log_prob(actions) * (returns - value.detach())).mean()
+    if advantages is None:
+        advantages = returns - value.detach()
+    policy = -(distribution.log_prob(actions) * advantages).mean()
     value_loss = 0.5 * (returns - value).square().mean()
     entropy = distribution.entropy()
     branch, leaf = entropy.branch.mean(), entropy.leaf.mean()

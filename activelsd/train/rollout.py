@@ -31,4 +31,6 @@ class Rollout:
     right: Tensor  # (L, B) bool, the action named the right class
     views: Tensor  # (L, B) int64, views seen when the action was taken
     bootstrap: Tensor  # (B,) float32, value of the state after the last step
+    # (L, B) float32, log-probability each action was drawn with; None where the weights are the same still
+    behaviour: Tensor | None = None
     output: Output | None = None  # of the acting pass, (L, B, ...), with its graph

@@ -27,19 +27,54 @@ class EpsilonAnneal(Anneal):
     end: float = Field(ge=0, le=1, description="probability from then on")
 
 
+class GA3CSettings(BaseModel):
+    """Agents, queues, predictors and trainers of `train.actors=ga3c`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Literal["processes", "threads"] = Field(
+        "processes", description="where environments are stepped; threads: recorded views only"
+    )
+    agents: int = Field(16, ge=1, description="processes or threads that step environments")
+    envs_per_agent: int = Field(
+        1, ge=1, description="environments an agent steps in turn; more where a step takes no time"
+    )
+    starting: int = Field(4, ge=1, description="agents that start at the same time")
+    start_timeout_s: float = Field(300.0, gt=0, description="seconds that a process may take to start")
+    timeout_s: float = Field(60.0, gt=0, description="seconds that a step may take before it is replaced")
+    restarts: int = Field(10, ge=0, description="how often an agent is replaced before training gives up")
+
+    predictors: int = Field(1, ge=1, description="threads that answer what waits in the prediction queue")
+    prediction_batch: int = Field(128, ge=1, description="most observations answered at once")
+    prediction_wait_ms: float = Field(
+        0.0, ge=0, description="how long an agent may wait for others to ask too; 0: answer what waits"
+    )
+    trainers: int = Field(1, ge=1, description="threads that batch what waits in the training queue")
+    training_batch: int | None = Field(
+        None, ge=1, description="trajectories of an update; null: as many as environments"
+    )
+
+    dynamic: bool = Field(False, description="look for the fastest number of agents, predictors and trainers")
+    dynamic_every_s: float = Field(60.0, gt=0, description="seconds that each try of that is measured")
+
+
 class TrainSettings(BaseModel):
     """How long, how fast and by which loss."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     steps: int = Field(2_000_000, ge=1, description="environment steps in all")
-    actors: Literal["resident"] = Field("resident", description="who plays: views on the learner's device")
-    envs: int = Field(64, ge=1, description="episodes played side by side")
+    actors: Literal["resident", "ga3c"] = Field(
+        "resident", description="who plays: views on the learner's device, or agents with batched prediction"
+    )
+    envs: int = Field(64, ge=1, description="resident: episodes played side by side")
+    ga3c: GA3CSettings = Field(GA3CSettings(), description="agents with batched prediction")
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 
     gamma: float = Field(0.98, ge=0, le=1, description="discount per action")
     reward_clip: float | None = Field(None, gt=0, description="clip rewards to plus or minus this")
     bootstrap_at_limit: bool = Field(False, description="an episode cut at max_views is valued on, not ended")
+    vtrace: bool = Field(False, description="correct returns for the lag of ga3c's actors")
     value_weight: float = Field(0.5, ge=0, description="weight of the value loss")
     supervised: float = Field(
         1.0, ge=0, description="weight of cross-entropy on the class branch at every view"

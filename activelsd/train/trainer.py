@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from types import FrameType
 
 import numpy as np
 import torch
 
 from activelsd.envs.actions import ActionTree
-from activelsd.envs.joint import JointVectorEnv, Recording, play_recordings
 from activelsd.errors import RunError, TrainingError
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
-from activelsd.train.actors.resident import ResidentActors
+from activelsd.train.actors.protocol import MakeActors
 from activelsd.train.learner import Learner
 from activelsd.train.logging import Logger, open_loggers
 from activelsd.train.run import Run
@@ -37,7 +37,7 @@ def new_network(tree: ActionTree, shape: NetworkShape, seed: int) -> LSDNet:
 
 
 class Trainer:
-    """Trains one network on the recorded views of one world or several, and leaves all in a run's folder.
+    """Trains one network by what actors play, and leaves everything in a run's folder.
 
     One seed is fanned out: to the first weights, and to the episodes and actions drawn.
     """
@@ -45,9 +45,10 @@ class Trainer:
     def __init__(
         self,
         run: Run,
-        worlds: Sequence[Recording],
+        tree: ActionTree,
         shape: NetworkShape,
         settings: TrainSettings,
+        make_actors: MakeActors,
         *,
         seed: int,
         device: str = "cpu",
@@ -57,19 +58,17 @@ class Trainer:
         """Build everything, or, to resume, take it back from the run's newest checkpoint."""
         self.run, self.settings, self._evaluate = run, settings, evaluate
         weights_seed, play_seed = (int(s) for s in np.random.SeedSequence(seed).generate_state(2))
-        env = play_recordings(worlds, num_envs=settings.envs, frames=shape.frames, device=device)
-        self._places = env.places if isinstance(env, JointVectorEnv) else {}
         self.step, self._seconds = 0, 0.0
         if resume:
             self.network = load_network(run.checkpoint, device)
-            if self.network.tree != env.tree:
+            if self.network.tree != tree:
                 raise RunError(
                     f"{run.folder} was trained with other classes or moves than its world has now."
                 )
         else:
-            self.network = new_network(env.tree, shape, weights_seed).to(device)
+            self.network = new_network(tree, shape, weights_seed).to(device)
         self.learner = Learner(self.network, settings)
-        self.actors = ResidentActors(env, self.network, settings.length, play_seed)
+        self.actors = make_actors(self.network, play_seed)
         if resume:
             self._restore()
 
@@ -82,7 +81,7 @@ class Trainer:
         """
         settings = self.settings
         loggers = open_loggers(settings.loggers, self.run.folder, up_to=self.step, total=settings.steps)
-        statistics, since, window = Statistics(self._places), self.step, time.monotonic()
+        statistics, since, window = Statistics(self.actors.places), self.step, time.monotonic()
         try:
             with _stop_requested() as stop:
                 while self.step < settings.steps and not stop():
@@ -103,6 +102,7 @@ class Trainer:
                 if self.step < settings.steps:
                     raise KeyboardInterrupt
         finally:
+            self.actors.close()
             for logger in loggers:
                 logger.close()
 
@@ -111,6 +111,8 @@ class Trainer:
         annealed = progress / settings.anneal
         epsilon = Epsilon(settings.epsilon_branch.at(annealed), settings.epsilon_leaf.at(annealed))
         rollout = self.actors.collect(epsilon)
+        if rollout.output is None:
+            rollout = replace(rollout, output=self.learner.output(rollout))
         losses = self.learner.update(rollout, progress)
         statistics.add(rollout, self.network, losses)
         self.step += rollout.rewards.numel()
@@ -119,7 +121,7 @@ class Trainer:
         return before // every != self.step // every or self.step >= self.settings.steps
 
     def _log(self, loggers: list[Logger], statistics: Statistics, rate: float) -> None:
-        metrics = statistics.read()
+        metrics = statistics.read() | self.actors.measures()
         if not math.isfinite(metrics["loss/total"]):
             raise TrainingError(
                 f"The loss is no longer finite at step {self.step}; lower train.learning_rate or set "

@@ -12,7 +12,7 @@ import torch
 
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import tree_of
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import Recording, union
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import RunError
 from activelsd.evaluate.compare import measure
@@ -20,6 +20,7 @@ from activelsd.policy.checkpoint import load_network
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import NetworkShape, Output
 from activelsd.policy.transfer import narrow
+from activelsd.train.actors.resident import on_recordings
 from activelsd.train.rollout import Rollout
 from activelsd.train.run import Run
 from activelsd.train.settings import TrainSettings
@@ -40,7 +41,10 @@ def trainer(
         Recording(name, graph, PRESETS["V4"]) for name, graph in zip(("rings", "rooms"), graphs, strict=False)
     ]
     shape = NetworkShape(size=16, features=features, crops=any(graph.crops is not None for graph in graphs))
-    return Trainer(run, worlds, shape, TrainSettings(**(settings | changed)), seed=5, resume=resume)  # type: ignore[arg-type]
+    chosen = TrainSettings(**(settings | changed))  # type: ignore[arg-type]
+    tree = union([tree_of(graph) for graph in graphs])
+    actors = on_recordings(worlds, chosen, frames=1)
+    return Trainer(run, tree, shape, chosen, actors, seed=5, resume=resume)
 
 
 def test_resume_goes_on_to_the_bit(tmp_path: Path) -> None:
@@ -66,11 +70,12 @@ class _Forgets:
 
 def test_each_world_is_counted_by_itself(tmp_path: Path) -> None:
     playing = trainer(Run.create(tmp_path, "both", ""), RINGS, ROOMS)
-    together, alone = Statistics(playing._places), {name: Statistics() for name in playing._places}
+    places = playing.actors.places
+    together, alone = Statistics(places), {name: Statistics() for name in places}
     for _ in range(6):
         rollout = playing.actors.collect(Epsilon(0.5, 0.5))
         together.add(rollout, playing.network, {})
-        for name, place in playing._places.items():
+        for name, place in places.items():
             alone[name].add(columns(rollout, place), playing.network, {})
     metrics = together.read()
     for name, statistics in alone.items():

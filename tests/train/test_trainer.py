@@ -15,10 +15,12 @@ import pytest
 import torch
 
 from activelsd.envs.episode import PRESETS
+from activelsd.envs.graphenv import tree_of
 from activelsd.envs.joint import Recording
 from activelsd.errors import RunError, TrainingError
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import NetworkShape
+from activelsd.train.actors.resident import on_recordings
 from activelsd.train.run import Run
 from activelsd.train.settings import TrainSettings
 from activelsd.train.trainer import Trainer
@@ -29,12 +31,14 @@ def trainer(
     run: Run, memory: str = "pool", *, resume: bool = False, seed: int = 5, **changed: Any
 ) -> Trainer:
     settings = {"steps": 960, "envs": 8, "length": 4, "log_every": 64, "checkpoint_every": 480, "loggers": []}
-    graph = ring_graph()
+    graph, frames = ring_graph(), 2 if memory == "stack" else 1
+    chosen = TrainSettings(**(settings | changed))  # type: ignore[arg-type]
     return Trainer(
         run,
-        [Recording("rings", graph, PRESETS["V4"])],
-        NetworkShape(memory=memory, size=graph.size, features=32, frames=2 if memory == "stack" else 1),
-        TrainSettings(**(settings | changed)),  # type: ignore[arg-type]
+        tree_of(graph),
+        NetworkShape(memory=memory, size=graph.size, features=32, frames=frames),
+        chosen,
+        on_recordings([Recording("rings", graph, PRESETS["V4"])], chosen, frames=frames),
         seed=seed,
         resume=resume,
     )
@@ -148,8 +152,9 @@ def test_it_learns_to_look_before_it_answers(tmp_path: Path) -> None:
     graph = ring_graph(objects=12, classes=3, telling=(3, 4, 5))
     run = new_run(tmp_path)
     settings = TrainSettings(steps=60_000, envs=32, learning_rate=2e-3, log_every=5_000, loggers=[])
-    world = Recording("rings", graph, PRESETS["V4"])
-    Trainer(run, [world], NetworkShape(size=graph.size, features=64), settings, seed=0).train()
+    shape = NetworkShape(size=graph.size, features=64)
+    actors = on_recordings([Recording("rings", graph, PRESETS["V4"])], settings, frames=1)
+    Trainer(run, tree_of(graph), shape, settings, actors, seed=0).train()
     last = json.loads((run.folder / "metrics.jsonl").read_text().splitlines()[-1])
     assert last["accuracy"] > 0.9  # from the first view no more than 1/4 + 3/4 * 1/3 = 0.5
     assert last["accuracy_at_first_view"] < 0.65

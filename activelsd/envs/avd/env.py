@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,12 +16,14 @@ from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.avd.splits import HOMES, split_scans
 from activelsd.envs.avd.starts import check_starts, frozen_list, read_scores, starts, starts_by_score
 from activelsd.envs.cache import default_cache
-from activelsd.envs.episode import PRESETS, EpisodeRules
+from activelsd.envs.episode import EpisodeRules, as_rules
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.oracle import with_oracle
-from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph, load_graph
 from activelsd.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from activelsd.envs.vector import ViewGraphVectorEnv
 
 TASKS = ("instance", "category")
 RECORDED, SAMPLE = "avd", "avd-sample"
@@ -53,9 +55,9 @@ def avd_graph(
     min_size: float = 0.0,
     max_size: float = 1.0,
     per_target: int | None = 20,
-    scores: Path | None = None,
+    scores: str | Path | None = None,
     threshold: float = 0.9,
-    cache: Path | None = None,
+    cache: str | Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> ViewGraph:
     """The views of scans with the moves asked for, made now or taken from the cache.
@@ -89,7 +91,7 @@ def avd_graph(
     check_moves(navigate)
     if task not in TASKS:
         raise ConfigError(f"There is no task '{task}'; {did_you_mean(task, TASKS)}")
-    cache = cache or default_cache()
+    cache = default_cache() if cache is None else Path(cache)
     root = Path(path) if path is not None else None
     if root is None:
         root = sample_scans(
@@ -104,7 +106,7 @@ def avd_graph(
         graph, chosen, visible=visible, max_difficulty=max_difficulty, min_size=min_size, max_size=max_size
     )
     if scores is not None:
-        graph = starts_by_score(graph, read_scores(graph, scores), threshold)
+        graph = starts_by_score(graph, read_scores(graph, Path(scores)), threshold)
     check_starts(graph)
     if per_target is not None:
         graph = frozen_list(graph, per_target)
@@ -151,7 +153,7 @@ class AVDEnv(ViewGraphEnv):
         self,
         *,
         subset: str = "train",
-        rules: str | EpisodeRules = "V0",
+        rules: str | Mapping[str, Any] | EpisodeRules = "V0",
         frames: int = 1,
         render_mode: str | None = None,
         **world: Any,
@@ -160,14 +162,14 @@ class AVDEnv(ViewGraphEnv):
 
         Args:
             subset: `train`, `val` or `test`.
-            rules: a preset of Table 1 by name, or rules of your own.
+            rules: a preset of Table 1 by name, or rules of your own, also as a dict of their fields.
             frames: K, how many views are stacked.
             render_mode: `rgb_array` or None.
             **world: see `avd_graph`.
         """
         super().__init__(
             avd_graph(**world),
-            PRESETS[rules] if isinstance(rules, str) else rules,
+            as_rules(rules),
             split=subset,
             frames=frames,
             backend=backend_of(world.get("path")),
@@ -176,12 +178,20 @@ class AVDEnv(ViewGraphEnv):
 
 
 def make_vector(
-    num_envs: int, *, subset: str = "train", rules: str | EpisodeRules = "V0", frames: int = 1, **world: Any
+    num_envs: int,
+    *,
+    subset: str = "train",
+    rules: str | Mapping[str, Any] | EpisodeRules = "V0",
+    frames: int = 1,
+    **world: Any,
 ) -> ViewGraphVectorEnv:
     """B copies of `AVDEnv` advanced together; see `ViewGraphVectorEnv`."""
+    # A process that plays a single environment need not wait for PyTorch.
+    from activelsd.envs.vector import ViewGraphVectorEnv
+
     return ViewGraphVectorEnv(
         avd_graph(**world),
-        PRESETS[rules] if isinstance(rules, str) else rules,
+        as_rules(rules),
         num_envs=num_envs,
         split=subset,
         frames=frames,

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from activelsd.envs.cache import default_cache
-from activelsd.envs.episode import PRESETS, EpisodeRules
+from activelsd.envs.episode import EpisodeRules, as_rules
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.modelnet.datasets import open_dataset
 from activelsd.envs.modelnet.orbit import with_moves
 from activelsd.envs.modelnet.prepare import prepare
-from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph, load_graph
+
+if TYPE_CHECKING:
+    from activelsd.envs.vector import ViewGraphVectorEnv
 
 NAVIGATE = ("orbit_cw", "orbit_ccw")
 """The paper's moves."""
@@ -81,7 +83,7 @@ class ModelNetEnv(ViewGraphEnv):
         self,
         *,
         subset: str = "train",
-        rules: str | EpisodeRules = "V0",
+        rules: str | Mapping[str, Any] | EpisodeRules = "V0",
         frames: int = 3,
         render_mode: str | None = None,
         **world: Any,
@@ -90,14 +92,14 @@ class ModelNetEnv(ViewGraphEnv):
 
         Args:
             subset: `train`, `val` or `test` objects.
-            rules: a preset of Table 1 by name, or rules of your own.
+            rules: a preset of Table 1 by name, or rules of your own, also as a dict of their fields.
             frames: K, how many views are stacked.
             render_mode: `rgb_array` or None.
             **world: see `modelnet_graph`.
         """
         super().__init__(
             modelnet_graph(**world),
-            PRESETS[rules] if isinstance(rules, str) else rules,
+            as_rules(rules),
             split=subset,
             frames=frames,
             backend="modelnet",
@@ -106,12 +108,20 @@ class ModelNetEnv(ViewGraphEnv):
 
 
 def make_vector(
-    num_envs: int, *, subset: str = "train", rules: str | EpisodeRules = "V0", frames: int = 3, **world: Any
+    num_envs: int,
+    *,
+    subset: str = "train",
+    rules: str | Mapping[str, Any] | EpisodeRules = "V0",
+    frames: int = 3,
+    **world: Any,
 ) -> ViewGraphVectorEnv:
     """B copies of `ModelNetEnv` advanced together; see `ViewGraphVectorEnv`."""
+    # A process that plays a single environment need not wait for PyTorch.
+    from activelsd.envs.vector import ViewGraphVectorEnv
+
     return ViewGraphVectorEnv(
         modelnet_graph(**world),
-        PRESETS[rules] if isinstance(rules, str) else rules,
+        as_rules(rules),
         num_envs=num_envs,
         split=subset,
         frames=frames,

@@ -1,8 +1,7 @@
 """Rendering processes: both ends of the pipe between one that prepares a dataset and those that render.
 
-They are started as programs of their own, not by `multiprocessing`, which would import the user's main module
-into each (with PyTorch, and once more whatever a script without a main guard does). A session of their own
-keeps Ctrl-C from them; the end of their input ends them, so none outlives its parent.
+They are programs of their own, see `activelsd.subprogram`; the end of their input ends them, so none outlives
+its parent.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from pathlib import Path
 from typing import IO, NamedTuple
 
 import numpy as np
@@ -26,6 +24,7 @@ from numpy.typing import NDArray
 
 from activelsd.envs.modelnet.sources import Item, Source, source_from
 from activelsd.errors import ActiveLSDError, DataError
+from activelsd.subprogram import start
 
 _AHEAD = 2
 """Items a process is given at a time, so that it has the next at hand when it is done with one."""
@@ -73,7 +72,7 @@ def rendered(
     try:
         with selectors.DefaultSelector() as selector:
             for _ in range(processes):
-                crew.append(_Worker(_start(), deque()))
+                crew.append(_Worker(start(__name__), deque()))
                 _tell(crew[-1], job)
                 for _ in range(_AHEAD):
                     _give(crew[-1], queue)
@@ -90,18 +89,6 @@ def rendered(
     finally:
         for worker in crew:
             _end(worker)
-
-
-def _start() -> subprocess.Popen[bytes]:
-    paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
-    return subprocess.Popen(
-        [sys.executable, "-c", f"from {__name__} import main; main()"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        bufsize=0,  # what Python had read ahead, the selector would not see
-        start_new_session=True,
-        env={**os.environ, "PYTHONPATH": paths, "PYTHONSAFEPATH": "1", "OMP_NUM_THREADS": "1"},
-    )
 
 
 def _tell(worker: _Worker, message: object) -> None:

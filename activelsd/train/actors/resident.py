@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
-from activelsd.envs.joint import JointVectorEnv
+from activelsd.envs.joint import JointVectorEnv, Recording, play_recordings
 from activelsd.envs.vector import Step, ViewGraphVectorEnv
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, Output
+from activelsd.train.actors.protocol import MakeActors
 from activelsd.train.rollout import Rollout
+from activelsd.train.settings import TrainSettings
 
 
 class ResidentActors:
@@ -23,6 +27,7 @@ class ResidentActors:
     ) -> None:
         """Start B episodes; `seed` fixes which, and how actions are drawn."""
         self.env, self.network, self.length = env, network, length
+        self.places = env.places if isinstance(env, JointVectorEnv) else {}
         self._generator = torch.Generator(env.device).manual_seed(seed)
         env.begin(seed)
         self._memory = network.initial_state(env.num_envs)
@@ -71,6 +76,13 @@ class ResidentActors:
             ),
         )
 
+    def measures(self) -> dict[str, float]:
+        """Nothing beside what rollouts say."""
+        return {}
+
+    def close(self) -> None:
+        """Nothing was started."""
+
     def state(self) -> dict[str, Tensor]:
         """Where every episode stands and what is remembered of it, for a checkpoint."""
         own = {"memory": self._memory, "first": self._first, "generator": self._generator.get_state()}
@@ -82,6 +94,18 @@ class ResidentActors:
         self._memory, self._first = tensors["memory"].to(device), tensors["first"].to(device)
         self._generator.set_state(tensors["generator"])
         self.env.load_state({k.removeprefix("env/"): v for k, v in tensors.items() if k.startswith("env/")})
+
+
+def on_recordings(
+    worlds: Sequence[Recording], settings: TrainSettings, *, frames: int, device: str = "cpu"
+) -> MakeActors:
+    """Actors for the training episodes of one world, or of several side by side; K = `frames` are stacked."""
+
+    def make(network: LSDNet, seed: int) -> ResidentActors:
+        env = play_recordings(worlds, num_envs=settings.envs, frames=frames, device=device)
+        return ResidentActors(env, network, settings.length, seed)
+
+    return make
 
 
 def _one(observation: dict[str, Tensor]) -> dict[str, Tensor]:

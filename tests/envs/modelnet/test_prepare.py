@@ -179,8 +179,8 @@ def test_a_broken_mesh_ends_it_by_name_and_leaves_nothing(tmp_path, at):
 
 
 def test_a_process_that_dies_is_told_and_what_is_done_is_kept(tmp_path, monkeypatch):
-    started, start = [], workers._start
-    monkeypatch.setattr(workers, "_start", lambda: started.append(start()) or started[-1])
+    started, start = [], workers.start
+    monkeypatch.setattr(workers, "start", lambda module: started.append(start(module)) or started[-1])
 
     def kill(done, total):
         if done == 5:

@@ -1,0 +1,30 @@
+"""Measures are of a window: what was before the last reading is not in them."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from activelsd.train.actors.ga3c.gauges import Gauges
+
+
+def test_each_kind_of_measure_and_a_fresh_window_after_reading() -> None:
+    gauges = Gauges()
+    for _ in range(2):
+        began = time.monotonic()
+        gauges.mean("batch", 2.0)
+        gauges.mean("batch", 4.0, times=3)
+        gauges.peak("lag", -3.0)
+        gauges.peak("lag", -5.0)
+        gauges.count(lost=2)
+        gauges.count(lost=3)
+        gauges.rate("steps", 10)
+        time.sleep(0.05)
+        found = gauges.read()
+        seconds = time.monotonic() - began
+        assert found["batch"] == pytest.approx(3.5)
+        assert found["lag"] == -3.0
+        assert found["lost"] == 5
+        assert 10 / (seconds + 0.1) < found["steps"] < 10 / 0.05
+    assert gauges.read() == {}
