@@ -21,10 +21,10 @@ def test_takes_what_waits_in_order_and_no_more_than_asked() -> None:
 
 def test_a_full_batch_goes_at_once_and_a_small_one_when_its_oldest_is_old() -> None:
     queue: BatchQueue[int] = BatchQueue()
-    queue.put(0)
     began = time.monotonic()
+    queue.put(0)
     assert queue.take(1, 2, patience=0.2) == [0]
-    assert 0.15 < time.monotonic() - began < 5
+    assert 0.2 <= time.monotonic() - began < 30
     queue.put(1)
     threading.Timer(0.05, queue.put, [2]).start()
     began = time.monotonic()
@@ -82,5 +82,5 @@ def test_closing_wakes_everyone() -> None:
     full.close()
     empty.close()
     for thread in threads:
-        thread.join(10)
+        thread.join(60)
     assert len(woken) == 3

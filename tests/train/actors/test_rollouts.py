@@ -96,7 +96,7 @@ def test_batches_hold_whole_trajectories_of_many_agents() -> None:
 
 
 def test_lag_is_counted_in_updates() -> None:
-    crew = actors(agents=2, training_batch=2)
+    crew = actors(agents=1, training_batch=1)
     try:
         crew.collect(EPSILON)
         assert crew.measures()["ga3c/lag"] == 0  # nothing was learned yet

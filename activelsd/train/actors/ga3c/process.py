@@ -37,7 +37,10 @@ _GRACE = 2.0
 """Seconds that a process has to close its environments before it is killed."""
 
 _GLANCE = 0.2
-"""Seconds between two looks at whether the agent is wanted still, and for a process to say where it is."""
+"""Seconds between two looks at whether the agent is wanted still."""
+
+_TELLING = 1.0
+"""Seconds that a silent process has to say where it is."""
 
 
 class AgentLost(ActiveLSDError):
@@ -105,6 +108,8 @@ class ProcessPlayer:
         """
         self._start_timeout, self._timeout, self._wanted = start_timeout, timeout, wanted
         self._since: float | None = time.monotonic()  # when it was told to do something not yet done
+        # Without it the bell's file might be closed in the midst of a ring, and its number be another file's.
+        self._ringing = threading.Lock()
         self._trace: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  faulthandler's
         files = {"memory": slots.file, "lifeline": lifeline.read, "trace": self._trace.fileno()}
         job = {"files": files, "layout": asdict(slots.layout), "agent": agent, "seed": seed}
@@ -137,9 +142,9 @@ class ProcessPlayer:
         self._tell(b"\n")
 
     def _tell(self, message: bytes) -> None:
-        # It died, and waiting for its answer says how; or it is closed, when all agents are let go at once.
-        with suppress(BrokenPipeError, ValueError):
-            self._bell.write(message)
+        with self._ringing, suppress(BrokenPipeError):  # it died, and waiting for its answer says how
+            if not self._bell.closed:  # all agents are let go at once, those too that have just ended
+                self._bell.write(message)
 
     def wait(self) -> None:
         """Return when the step is taken.
@@ -155,7 +160,7 @@ class ProcessPlayer:
                 raise AgentLost("was not wanted any more")
             if self._since is not None and time.monotonic() > self._since + timeout:
                 self._process.send_signal(_WHERE)
-                time.sleep(_GLANCE)
+                time.sleep(_TELLING)
                 raise AgentLost(f"was silent for {timeout:g} s{self._trace_text()}")
         answer = self._answers.read(1)
         if answer == _DONE:
@@ -181,7 +186,8 @@ class ProcessPlayer:
 
     def close(self) -> None:
         """Let the process close its environments, then end it with all that it started."""
-        self._bell.close()
+        with self._ringing:
+            self._bell.close()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_GRACE)
         self._kill(signal.SIGKILL)
