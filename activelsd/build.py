@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ import torch
 from activelsd.config import AVDSettings, ModelNetSettings, PolicySettings, RulesSettings, RunConfig, World
 from activelsd.envs.avd.env import avd_graph, backend_of
 from activelsd.envs.avd.scan import MOVES
+from activelsd.envs.cores import cores
 from activelsd.envs.episode import PRESETS, EpisodeRules
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
 from activelsd.envs.joint import Recording
@@ -174,7 +174,7 @@ def build_threads(config: RunConfig) -> int | None:
     """
     if config.threads is not None or config.train.actors == "resident":
         return config.threads
-    return max(1, (os.cpu_count() or 1) // (2 * (1 + config.train.ga3c.predictors)))
+    return max(1, cores() // (2 * (1 + config.train.ga3c.predictors)))
 
 
 def build_device(name: str, threads: int | None) -> str:

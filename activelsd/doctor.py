@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import re
 import tempfile
@@ -14,6 +13,7 @@ from typing import NamedTuple
 import torch
 
 from activelsd.envs.cache import default_cache
+from activelsd.envs.cores import cores
 from activelsd.errors import RunError
 from activelsd.train.run import Run
 
@@ -34,9 +34,7 @@ def examine(runs: Path) -> Iterator[Finding]:
     """
     yield Finding("python", f"{platform.python_version()} on {platform.platform()}")
     yield from _packages()
-    yield Finding(
-        "cores", f"{len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()}"
-    )
+    yield Finding("cores", str(cores()))
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else "no CUDA device, the CPU is used"
     yield Finding("device", f"{gpu}; {torch.get_num_threads()} threads of PyTorch")
     yield _cache(default_cache())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -31,6 +30,7 @@ from activelsd.envs.avd.scan import (
     read_scan,
 )
 from activelsd.envs.cache import CacheError, PartialGraph, alone, writing
+from activelsd.envs.cores import cores
 from activelsd.envs.viewgraph import ViewGraph, read_key
 from activelsd.errors import DataError
 
@@ -132,7 +132,7 @@ def _fill(
         todo = ~partial.done
         done, total = int(partial.done.sum()), len(todo)
         report(done, total)
-        for view, (frame, crops) in _decoded(scans, todo, graph.size, workers or _cores()):
+        for view, (frame, crops) in _decoded(scans, todo, graph.size, workers or cores()):
             partial.write(view, frames=frame, crops=crops)
             done += 1
             report(done, total)
@@ -181,11 +181,6 @@ def _pictures(scan: Scan, view: int, size: int) -> Pictures:
     for i, box in enumerate(scan.boxes[first:end]):
         crops[i] = cut_out(photograph, box, size)
     return squashed(photograph, size), crops
-
-
-def _cores() -> int:
-    """The cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _without_pictures(scans: Sequence[Scan], instances: dict[str, int], size: int) -> ViewGraph:

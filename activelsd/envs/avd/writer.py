@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 import signal
 from collections.abc import Callable, Iterator, Sequence
@@ -29,6 +28,7 @@ from scipy.io import savemat
 from activelsd.envs.avd.boxes import Box, visible_boxes
 from activelsd.envs.avd.homes import DEFAULT_SCANS, HEADINGS, INSTANCES, MOVES, Home, parsed
 from activelsd.envs.cache import alone, writing
+from activelsd.envs.cores import cores
 from activelsd.envs.rooms.renderer import Camera, Picture
 from activelsd.errors import ConfigError, DataError
 
@@ -160,7 +160,7 @@ def _unfinished(root: Path, name: str) -> Path:
 @contextmanager
 def _photographed(jobs: Sequence[_Job], workers: int | None) -> Iterator[Iterator[dict[str, list[Box]]]]:
     """The boxes of every job's photographs, by file name, in order of the jobs."""
-    count = min(workers or _cores(), len(jobs))
+    count = min(workers or cores(), len(jobs))
     if count <= 1:
         yield map(_photograph, jobs)
         return
@@ -169,11 +169,6 @@ def _photographed(jobs: Sequence[_Job], workers: int | None) -> Iterator[Iterato
         yield pool.map(_photograph, jobs)
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-def _cores() -> int:
-    """The cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _undisturbed() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from activelsd.envs.cache import CacheError, PartialGraph, alone, writing
+from activelsd.envs.cores import cores
 from activelsd.envs.modelnet.datasets import Dataset
 from activelsd.envs.modelnet.sources import AZIMUTHS, PictureFiles, Source
 from activelsd.envs.modelnet.workers import rendered
@@ -130,7 +130,7 @@ def _fill(
             [(i, dataset.items[i]) for i in todo],
             size=size,
             elevations=elevations,
-            processes=max(1, min(workers or _cores(), len(todo) // _SHARE)),
+            processes=max(1, min(workers or cores(), len(todo) // _SHARE)),
         )
         with closing(views):
             for i, frames in views:
@@ -141,11 +141,6 @@ def _fill(
         partial.leave(keep=isinstance(error, CacheError) or not isinstance(error, DataError))
         raise
     partial.finish()
-
-
-def _cores() -> int:
-    """The cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _without_frames(dataset: Dataset, size: int, elevations: Sequence[float]) -> ViewGraph:
