@@ -1,4 +1,4 @@
-"""The file of views in the making: filled block by block, gone on with after an interruption.
+"""The files that views are kept in, and those in the making: block by block, resumed where they stopped.
 
 HDF5 is closed while views are written: its metadata is laid down first, then bytes go to known places in the
 file. So a process that is killed, even by SIGKILL, leaves a file that the next one goes on with. POSIX only.
@@ -7,11 +7,13 @@ file. So a process that is killed, even by SIGKILL, leaves a file that the next 
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import json
 import os
+import re
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd.envs.viewgraph import ViewGraph, replace_durably, seal, write_graph
+from activelsd.envs.viewgraph import ViewGraph, read_key, replace_durably, seal, write_graph
 from activelsd.errors import DataError
 
 _DONE = "done"
@@ -32,6 +34,33 @@ def default_cache() -> Path:
     if "ACTIVELSD_CACHE" in os.environ:
         return Path(os.environ["ACTIVELSD_CACHE"])
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "activelsd"
+
+
+def cache_file(cache: Path, title: str, size: int, key: Mapping[str, Any]) -> Path:
+    """The file of views of a title and size; its name carries a digest of what they are made from."""
+    digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:12]
+    return cache / f"{re.sub(r'[^A-Za-z0-9_.+-]', '_', title)}-{size}px-{digest}.h5"
+
+
+def make_once(path: Path, key: Mapping[str, Any], fill: Callable[[], None]) -> Path:
+    """The file of a graph, made by `fill` unless it is there and of this key; one process at a time.
+
+    Raises:
+        DataError: from `fill`, or the cache cannot be written; a cache that stays empty is taken away again.
+    """
+    if read_key(path) == key:
+        return path
+    with writing(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with alone(path):
+            if read_key(path) != key:
+                fill()
+    except DataError:
+        with suppress(OSError):  # unless there is something else in it
+            path.parent.rmdir()
+        raise
+    return path
 
 
 class CacheError(DataError):

@@ -72,11 +72,9 @@ def sample_scans(
         seed: draws homes and things.
         progress: called with what is done and what there is in all.
     """
+    # Rooms and embree, which real scans do without.
     from activelsd.envs.avd.homes import DEFAULT_SCANS
-    from activelsd.envs.avd.writer import (
-        code_digest,
-        write_sample,
-    )  # rooms and embree, which real scans do without
+    from activelsd.envs.avd.writer import code_digest, write_sample
 
     names = tuple(scans or (PUBLISHED if split in TEST_SCANS else DEFAULT_SCANS))
     digest = hashlib.sha256(" ".join([*names, code_digest()]).encode()).hexdigest()[:8]

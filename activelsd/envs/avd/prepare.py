@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import re
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -29,9 +27,9 @@ from activelsd.envs.avd.scan import (
     read_instances,
     read_scan,
 )
-from activelsd.envs.cache import CacheError, PartialGraph, alone, writing
+from activelsd.envs.cache import CacheError, PartialGraph, cache_file, make_once
 from activelsd.envs.cores import cores
-from activelsd.envs.viewgraph import ViewGraph, read_key
+from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import DataError
 
 Pictures = tuple[NDArray[np.uint8], NDArray[np.uint8]]
@@ -74,18 +72,14 @@ def prepare(
     root = folders[0].parent
     key = {"scans": {path.name: _stamp(path) for path in folders}, "size": size, "code": _code()}
     key["instances"] = _stamp_of([root / INSTANCES])
-    digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:12]
-    path = cache / f"{re.sub(r'[^A-Za-z0-9_.+-]', '_', root.resolve().name)}-{size}px-{digest}.h5"
-    if read_key(path) == key:
-        return path
-    with writing(cache):
-        cache.mkdir(parents=True, exist_ok=True)
-    with alone(path):
-        if read_key(path) != key:
-            instances = read_instances(root)
-            scans = [read_scan(folder, instances) for folder in folders]
-            _fill(scans, _without_pictures(scans, instances, size), path, key, workers, progress)
-    return path
+    path = cache_file(cache, root.resolve().name, size, key)
+
+    def fill() -> None:
+        instances = read_instances(root)
+        scans = [read_scan(folder, instances) for folder in folders]
+        _fill(scans, _without_pictures(scans, instances, size), path, key, workers, progress)
+
+    return make_once(path, key, fill)
 
 
 def _stamp(folder: Path) -> str:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
-import re
 from collections.abc import Callable, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from activelsd.envs.cache import CacheError, PartialGraph, alone, writing
+from activelsd.envs.cache import CacheError, PartialGraph, cache_file, make_once
 from activelsd.envs.cores import cores
 from activelsd.envs.modelnet.datasets import Dataset
 from activelsd.envs.modelnet.sources import AZIMUTHS, PictureFiles, Source
 from activelsd.envs.modelnet.workers import rendered
-from activelsd.envs.viewgraph import SPLITS, ViewGraph, read_key
+from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import ConfigError, DataError
 
 _SHARE = 16
@@ -65,21 +63,8 @@ def prepare(
     _check(dataset, size, elevations)
     levels = [float(elevation) for elevation in elevations]
     key = {"dataset": dict(dataset.key), "size": size, "elevations": levels, "code": _code(dataset.source)}
-    digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:12]
-    path = cache / f"{re.sub(r'[^A-Za-z0-9_.+-]', '_', dataset.title)}-{size}px-{digest}.h5"
-    if read_key(path) == key:
-        return path
-    with writing(cache):
-        cache.mkdir(parents=True, exist_ok=True)
-    try:
-        with alone(path):
-            if read_key(path) != key:
-                _fill(dataset, size, levels, path, key, workers, progress)
-    except DataError:
-        with suppress(OSError):  # nothing stays behind, unless there is something in it
-            cache.rmdir()
-        raise
-    return path
+    path = cache_file(cache, dataset.title, size, key)
+    return make_once(path, key, lambda: _fill(dataset, size, levels, path, key, workers, progress))
 
 
 def _check(dataset: Dataset, size: int, elevations: Sequence[float]) -> None:
