@@ -69,6 +69,9 @@ class TrainSettings(BaseModel):
     )
     envs: int = Field(64, ge=1, description="resident: episodes played side by side")
     ga3c: GA3CSettings = Field(GA3CSettings(), description="agents with batched prediction")
+    vary_crops: bool = Field(
+        True, description="resident: crops of targets are cut and lit a little otherwise at every look"
+    )
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 
     gamma: float = Field(0.98, ge=0, le=1, description="discount per action")

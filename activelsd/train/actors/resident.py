@@ -12,6 +12,7 @@ from activelsd.envs.vector import Step, ViewGraphVectorEnv
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, Output
 from activelsd.train.actors.protocol import MakeActors
+from activelsd.train.augment import vary_crops
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
 
@@ -23,9 +24,16 @@ class ResidentActors:
     """
 
     def __init__(
-        self, env: ViewGraphVectorEnv | JointVectorEnv, network: LSDNet, length: int, seed: int
+        self,
+        env: ViewGraphVectorEnv | JointVectorEnv,
+        network: LSDNet,
+        length: int,
+        seed: int,
+        *,
+        varied: bool = False,
     ) -> None:
-        """Start B episodes; `seed` fixes which, and how actions are drawn."""
+        """Start B episodes; `seed` fixes which, and how actions are drawn and, if `varied`, crops vary."""
+        self._varied = varied
         self.env, self.network, self.length = env, network, length
         self.places = env.places if isinstance(env, JointVectorEnv) else {}
         self._generator = torch.Generator(env.device).manual_seed(seed)
@@ -42,6 +50,8 @@ class ResidentActors:
         steps: list[Step] = []
         for _ in range(self.length):
             observation, mask = env.observe(), env.mask()
+            if self._varied:
+                observation = vary_crops(observation, self._generator)
             output = self.network(_one(observation), memory, self._first[None])
             drawn = self.network.distribution(output.logits[0].detach(), mask, epsilon)
             action = drawn.sample(self._generator)
@@ -103,7 +113,7 @@ def on_recordings(
 
     def make(network: LSDNet, seed: int) -> ResidentActors:
         env = play_recordings(worlds, num_envs=settings.envs, frames=frames, device=device)
-        return ResidentActors(env, network, settings.length, seed)
+        return ResidentActors(env, network, settings.length, seed, varied=settings.vary_crops)
 
     return make
 
