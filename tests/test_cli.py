@@ -108,6 +108,23 @@ def test_dry_run_prints_the_resolved_config_and_does_nothing(
     assert not list(tmp_path.iterdir())
 
 
+def test_prepare_fills_the_cache_it_is_told_and_says_what_there_is(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    few = ["env.dataset.classes=cup,vase", "env.dataset.train_per_class=2", "env.dataset.test_per_class=1"]
+    assert cli.main(["prepare", "env=modelnet", "env.cache=here", *few]) == 0
+    said = capsys.readouterr().out.splitlines()
+    views = 6 * 12
+    assert said == [
+        "6 objects of 2 classes",
+        f"{views} views of 64 pixels",
+        "Starts of episodes: 24 train, 24 val, 24 test",
+    ]
+    (file,) = (tmp_path / "here").iterdir()
+    assert file.suffix == ".h5"
+
+
 @pytest.mark.parametrize(
     ("error", "code", "said"),
     [

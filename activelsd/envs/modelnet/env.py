@@ -32,7 +32,7 @@ def modelnet_graph(
     size: int = 64,
     elevations: Sequence[float] = (30.0,),
     navigate: Sequence[str] = NAVIGATE,
-    cache: Path | None = None,
+    cache: str | Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> ViewGraph:
     """The views of a dataset with the moves asked for, rendered now or taken from the cache.
@@ -63,7 +63,11 @@ def modelnet_graph(
         classes=classes,
     )
     file = prepare(
-        dataset, size=size, elevations=elevations, cache=cache or default_cache(), progress=progress
+        dataset,
+        size=size,
+        elevations=elevations,
+        cache=default_cache() if cache is None else Path(cache),
+        progress=progress,
     )
     return with_moves(load_graph(file), navigate)
 
