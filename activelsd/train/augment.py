@@ -21,7 +21,8 @@ CONTRAST, BRIGHTNESS = 0.8, 0.25
 def vary_crops(observation: dict[str, Tensor], generator: torch.Generator) -> dict[str, Tensor]:
     """The observation with each of its `crops` uint8 (B, K, S, S) cut and lit a little otherwise.
 
-    Crops of targets out of sight are zeros and stay so, and an observation without crops stays as it is.
+    Crops of targets out of sight are zeros and stay so. What was not cut stays as it is too: an observation
+    without crops, and a frame that stands for the crop of a target that fills it.
     """
     if "crops" not in observation:
         return observation
@@ -41,6 +42,7 @@ def vary_crops(observation: dict[str, Tensor], generator: torch.Generator) -> di
     mean = cut.mean((1, 2, 3), keepdim=True)
     contrast = between(-CONTRAST, CONTRAST, 1, 1, 1).exp()
     lit = (cut - mean) * contrast + mean + between(-BRIGHTNESS, BRIGHTNESS, 1, 1, 1)
-    seen = observation["target"][..., 4].flatten()[:, None, None, None] > 0
-    varied = (lit.clamp(0, 1) * 255).round() * seen
-    return observation | {"crops": varied.to(torch.uint8).view(crops.shape)}
+    extents, present = observation["target"][..., 2:4], observation["target"][..., 4] > 0
+    was_cut = (present & (extents < 1).any(-1))[..., None, None]
+    varied = (lit.clamp(0, 1) * 255).round().to(torch.uint8).view(crops.shape)
+    return observation | {"crops": torch.where(was_cut, varied, crops)}

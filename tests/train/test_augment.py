@@ -12,7 +12,7 @@ def observed() -> dict[str, Tensor]:
     """Six looks of two stacked crops: a bright square left of the middle; the third is out of sight."""
     crops = torch.full((6, 2, 32, 32), 60, dtype=torch.uint8)
     crops[..., 10:22, 6:18] = 200
-    target = torch.ones(6, 2, 5)
+    target = torch.tensor([0.5, 0.5, 0.2, 0.3, 1.0]).repeat(6, 2, 1)
     crops[2], target[2] = 0, 0
     return {"frames": crops.flip(-1), "crops": crops, "target": target}
 
@@ -33,6 +33,14 @@ def test_crops_vary_and_nothing_else_does() -> None:
         inside = crop > (crop.min() + crop.max()) / 2
         assert 0.04 < inside.float().mean() < 0.35
         assert inside.nonzero()[:, 1].float().mean() < 20
+
+
+def test_a_frame_that_stands_for_a_crop_stays_as_it_is() -> None:
+    observation = observed()
+    observation["target"][3] = torch.tensor([0.5, 0.5, 1.0, 1.0, 1.0])
+    crops = vary_crops(observation, torch.Generator().manual_seed(0))["crops"]
+    assert torch.equal(crops[3], observation["crops"][3])
+    assert not torch.equal(crops[4], observation["crops"][4])
 
 
 def test_a_generator_repeats_it() -> None:
