@@ -78,7 +78,8 @@ class ProgressLine:
 
     def write(self, step: int, metrics: Mapping[str, float]) -> None:
         """Show how far training is and how it goes."""
-        if "reward" not in metrics or (not self._live and time.monotonic() - self._shown < 10.0):
+        soon = not self._live and time.monotonic() - self._shown < 10.0 and step < self._total
+        if "reward" not in metrics or soon:
             return
         self._shown = time.monotonic()
         left = int((self._total - step) / max(metrics["steps_per_second"], 1e-9))
