@@ -11,9 +11,9 @@ from activelsd.config import RunConfig, World
 from activelsd.console import progress
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import ViewGraph
-from activelsd.errors import ConfigError, RunError, did_you_mean
+from activelsd.errors import RunError
 from activelsd.evaluate import files
-from activelsd.evaluate.baselines import BASELINES
+from activelsd.evaluate.baselines import check_baseline
 from activelsd.evaluate.compare import Comparison, Entrant, compare
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
@@ -55,8 +55,7 @@ def _play(
     folders: Sequence[str], baselines: Sequence[str], words: Sequence[str], stem: str
 ) -> tuple[list[Comparison], list[Path]]:
     for name in baselines:  # before anything is opened: worlds take a while
-        if name not in BASELINES:
-            raise ConfigError(f"There is no baseline '{name}'; {did_you_mean(name, BASELINES)}")
+        check_baseline(name)
     runs = [Run(Path(folder)) for folder in folders] or [Run.newest(RUNS)]
     configs = [
         change(load(run.folder / CONFIG), words, CHANGEABLE, "a run is measured in its own world")

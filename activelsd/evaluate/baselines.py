@@ -25,12 +25,17 @@ BASELINES: dict[str, Callable[[LSDNet, ViewGraph, int], Player]] = {
 """Makers of baselines by name, from a trained network, the world and a seed."""
 
 
+def check_baseline(name: str) -> None:
+    """Raise ConfigError where there is no baseline of that name."""
+    if name not in BASELINES:
+        raise ConfigError(f"There is no baseline '{name}'; {did_you_mean(name, BASELINES)}")
+
+
 def make_baseline(name: str, network: LSDNet, graph: ViewGraph, seed: int) -> Player:
     """A baseline by name.
 
     Raises:
         ConfigError: there is none of that name, or it needs moves or boxes that the world has not.
     """
-    if name not in BASELINES:
-        raise ConfigError(f"There is no baseline '{name}'; {did_you_mean(name, BASELINES)}")
+    check_baseline(name)
     return BASELINES[name](network, graph, seed)
