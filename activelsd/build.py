@@ -82,6 +82,7 @@ def _avd_options(settings: AVDSettings) -> dict[str, Any]:
         "navigate": settings.navigate,
         "visible": starts.visible,
         "max_difficulty": starts.max_difficulty,
+        "shown_well": starts.shown_well,
         "min_size": starts.min_size,
         "max_size": starts.max_size,
         "per_target": starts.per_target,

@@ -1,4 +1,7 @@
-"""From words to a config: schema defaults < presets < `experiment=` < `key=value`, the last one wins."""
+"""From words to a config: schema defaults < presets < `experiment=` < `key=value`, the last one wins.
+
+The weakest preset is what a world's own says of other groups: what learns best there.
+"""
 
 from __future__ import annotations
 
@@ -53,6 +56,7 @@ def resolve(words: Sequence[str], schema: type[RunConfig] = RunConfig) -> RunCon
             layers |= _joint_layers(several)
         else:
             layers |= read_settings(preset_file(group, *several or [setting]), prefix=f"{group}.")
+    layers = _advice(layers, known) | layers
     members = _members(layers | written | keys, schema)
     return _validate(layers | _spread(written, members, schema) | _spread(keys, members, schema), schema)
 
@@ -139,6 +143,16 @@ def _joint_layers(presets: Sequence[Setting]) -> dict[str, Setting]:
             raise ConfigError(f"{file} does not say which world it is for; add a line as in name: modelnet.")
         layers |= world
     return layers
+
+
+def _advice(layers: dict[str, Setting], known: Collection[str]) -> dict[str, Setting]:
+    """What worlds' presets say of other groups, taken out of the layers; of several the first counts."""
+    advice: dict[str, Setting] = {}
+    for key in list(layers):
+        found = re.fullmatch(rf"{ENV}\.(?:\w+\.)?(({'|'.join(known)})\.[\w.]+)", key)
+        if found and found[2] != ENV:
+            advice.setdefault(found[1], layers.pop(key))
+    return advice
 
 
 def _members(layers: Mapping[str, Setting], schema: type[RunConfig]) -> dict[str, str]:

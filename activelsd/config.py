@@ -50,6 +50,7 @@ class RulesSettings(Section):
     blocked: float | None = Field(None, description="reward of a blocked move; null: the preset's")
     right: float | None = Field(None, description="reward of the right class; null: the preset's")
     wrong: float | None = Field(None, description="reward of a wrong class; null: the preset's")
+    try_again: bool = Field(False, description="a blocked move stays legal, also at the same view")
     max_views: int | None = Field(
         None, ge=1, description="T, the most views of an episode; null: the preset's"
     )
@@ -92,7 +93,7 @@ class ScansSettings(Section):
     scans: tuple[str, ...] | None = Field(
         None,
         min_length=2,
-        description="sample: names of the scans; null: the published split's, or a handful",
+        description="sample: names of the scans; null: the published split's, or twenty",
     )
     width: int = Field(480, ge=96, le=1920, description="sample: of the photographs, in pixels")
     height: int = Field(270, ge=54, le=1080, description="sample: of the photographs, in pixels")
@@ -111,6 +112,7 @@ class StartsSettings(Section):
     """Where episodes begin."""
 
     visible: bool = Field(True, description="only where the target is in sight")
+    shown_well: bool = Field(False, description="also where the target is shown well already")
     max_difficulty: int = Field(5, ge=1, le=5, description="of the target's box there, 1 is easiest")
     min_size: float = Field(
         0.0, ge=0, le=1, description="of the box there: its larger side as a fraction of the frame"

@@ -137,7 +137,7 @@ def _start_from(checkpoint: Path, run: Run, network: LSDNet, device: str) -> Non
     notice(
         f"Started from {checkpoint}: kept trunk, memory, value and {len(rows.kept)} of "
         f"{len(rows.kept) + len(rows.fresh)} rows of the head ({_some(rows.kept)}); "
-        f"first layer {rows.input}; see {INIT}."
+        f"surroundings {rows.around}; see {INIT}."
     )
 
 

@@ -61,7 +61,7 @@ def main() -> None:
         write_scores(graph, scores, options.scores)
     unsure = starts_by_score(graph, scores, SURE)
     episodes = episodes_of(unsure, "test")
-    rules = replace(build_rules(world.rules), max_views=max(MOVES_ALLOWED) + 1)
+    rules = replace(build_rules(world.rules), max_views=max(MOVES_ALLOWED) + 1, try_again=True)
     rows = {
         player.name: play(player, unsure, rules, episodes, world=world.name, backend=backend)
         for player in (NextBestMove(network), RandomMoves(network, options.seed), ForwardOnly(network))

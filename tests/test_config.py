@@ -348,3 +348,20 @@ def test_relative_paths_keep_their_meaning(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setenv("HOME", "/home/someone")
     assert resolve(["env=modelnet", "env.dataset.path=meshes"]).env.dataset.path == tmp_path / "meshes"
     assert resolve(["env=modelnet", "env.cache=~/c"]).env.cache == Path("/home/someone/c")
+
+
+def test_a_world_says_what_learns_best_there_and_anything_else_outweighs_it(tmp_path: Path) -> None:
+    first, second = tmp_path / "hall.yaml", tmp_path / "attic.yaml"
+    first.write_text("name: avd\ntrain.gamma: 0.5\ntrain.ga3c.agents: 3\n")
+    second.write_text("name: avd\nsize: 64\ntrain: {gamma: 0.6, envs: 7}\n")
+    more = tmp_path / "more.yaml"
+    more.write_text("gamma: 0.7\n")
+    alone = resolve([f"env={first}"])
+    assert (alone.train.gamma, alone.train.ga3c.agents) == (0.5, 3)
+    assert resolve([f"env={first}", f"train={more}"]).train.gamma == 0.7
+    assert resolve([f"env={first}", "train.gamma=0.8"]).train.gamma == 0.8
+    both = resolve([f"env={first},{second}"]).train
+    assert (both.gamma, both.envs) == (0.5, 7), "where worlds differ the first counts"
+    first.write_text("name: avd\ntrain.gama: 0.5\n")
+    with pytest.raises(ConfigError, match=rf"train.gama is not a setting \(in {first}\)"):
+        resolve([f"env={first}"])

@@ -97,7 +97,7 @@ def test_a_run_starts_from_what_another_knows(capsys: pytest.CaptureFixture[str]
     assert "6 of 7 rows of the head (classify, navigate, classify/cup, classify/vase and 2 more)" in err
     read = json.loads((run / "init.json").read_text())
     assert read["from"] == str(source.absolute() / "checkpoints" / "000000000160")
-    assert (read["fresh"], read["dropped"], read["input"]) == (["classify/desk"], [], "kept")
+    assert (read["fresh"], read["dropped"], read["around"]) == (["classify/desk"], [], "none")
     # A checkpoint's own folder will do, and a joint run takes over as well.
     joint = train(BOTH, f"policy.init={read['from']}")
     assert json.loads((joint / "init.json").read_text())["fresh"] == ["classify/desk", "classify/table"]

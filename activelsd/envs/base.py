@@ -32,9 +32,10 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
     """An agent looks at a target, moves to better views, and names it.
 
     Every step is either an answer (an action of the `classify` branch) or a move (any other action). A move
-    gives the next view, a blocked move the same view again, an answer leaves the view as it is. The T-th
-    action is the last: only answers are legal there, and `info["action_mask"]` says so; an agent that moves
-    all the same ends the episode without an answer.
+    gives the next view, a blocked move the same view again, an answer leaves the view as it is. A move that
+    was blocked is not legal again at that view, unless the rules say otherwise. The T-th action is the last:
+    only answers are legal there. `info["action_mask"]` says so; an agent that tries a blocked move again is
+    blocked again, and one that moves at the last action ends the episode without an answer.
 
     Observation: `Dict` of `frames` uint8 (K, S, S), newest last, the first look repeated at reset; `target`
     float32 (K, 5), the box as fractions of the frame and whether it is in sight; `crops` uint8 (K, S, S)
@@ -100,6 +101,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         super().reset(seed=seed)
         self._episode = self.draw_episode(options or {})
         self._taken, self._views = 0, 1
+        self._blocked: set[int] = set()
         view = self.look()
         for _ in range(self._seen.maxlen or 1):
             self._seen.append(view)
@@ -130,6 +132,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
             moved = rules.can_move and not last and self.try_move(self.tree.names[action][1])
             reward = rules.move if moved else rules.blocked
             terminated = False
+            self._blocked = set() if moved or rules.try_again else self._blocked | {action}
             if not last:
                 self._views += 1
                 self._seen.append(self.look())
@@ -144,6 +147,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
     def action_mask(self) -> NDArray[np.bool_]:
         """bool (n,): the legal actions; only answers where moving is ruled out or this action is the last."""
         mask = np.ones(self.tree.n, bool)
+        mask[list(self._blocked)] = False
         if not self.rules.can_move or self._taken + 1 >= self.rules.max_views:
             mask[:] = False
             mask[self._answers] = True

@@ -50,6 +50,7 @@ class EpisodeRules:
         ends_on_right: the right class terminates the episode.
         ends_on_wrong: a wrong class terminates the episode.
         can_move: False leaves only classes legal (the paper's 64.3 % baseline).
+        try_again: a move that was blocked stays legal; else it is not, until the view is another.
         max_views: T. The T-th action of an episode is its last and must be a class: moves are not legal
             there.
     """
@@ -61,6 +62,7 @@ class EpisodeRules:
     ends_on_right: bool = True
     ends_on_wrong: bool = False
     can_move: bool = True
+    try_again: bool = False
     max_views: int = 12
 
     def __post_init__(self) -> None:

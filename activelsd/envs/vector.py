@@ -19,7 +19,7 @@ from activelsd.envs.episode import WHOLE_FRAME, EpisodeRules
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import ViewGraph
 
-STATE = ("keys", "drawn", "row", "seen", "taken", "views")
+STATE = ("keys", "drawn", "row", "seen", "taken", "views", "blocked")
 """What, beside the graph and the rules, fixes how a `ViewGraphVectorEnv` goes on."""
 
 
@@ -49,6 +49,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
 
     _keys: Tensor  # (B,) int64 key of each environment's stream of episodes
     _drawn: Tensor  # (B,) int64 episodes each has begun
+    _blocked: Tensor  # (B, n) bool moves that were blocked at the view where each is
 
     def __init__(
         self,
@@ -100,6 +101,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         answers = torch.zeros(self.tree.n, dtype=torch.bool, device=self.device)
         answers[self._answers] = True
         self._only_answers = answers
+        self._remembers = bool((graph.moves < 0).any()) and not self.rules.try_again
 
     def begin(self, seed: int | list[int | None] | None = None) -> None:
         """Start B episodes; environment i's stream is that of a single environment seeded with `seed + i`.
@@ -122,6 +124,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._row = torch.zeros(b, dtype=torch.int64, device=device)
         self._seen = torch.zeros(b, self._k, dtype=torch.int64, device=device)
         self._taken, self._views = torch.zeros_like(self._row), torch.ones_like(self._row)
+        self._blocked = torch.zeros(b, self.tree.n, dtype=torch.bool, device=device)
         self._replace(torch.ones(b, dtype=torch.bool, device=device))
 
     def _replace(self, ended: Tensor) -> None:
@@ -137,6 +140,8 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._target = self._start_target[self._row]
         self._taken = self._taken.masked_fill(ended, 0)
         self._views = self._views.masked_fill(ended, 1)
+        if self._remembers:
+            self._blocked = self._blocked & ~ended[:, None]
         self._drawn = self._drawn + ended
 
     def state(self) -> dict[str, Tensor]:
@@ -184,7 +189,8 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         """(B, n) bool: the legal actions."""
         if not self.rules.can_move:
             return self._only_answers.expand(self.num_envs, -1)
-        return self._only_answers | (self._taken + 1 < self.rules.max_views)[:, None]
+        goes_on = (self._taken + 1 < self.rules.max_views)[:, None]
+        return self._only_answers | (goes_on & ~self._blocked if self._remembers else goes_on)
 
     def advance(self, actions: Tensor) -> Step:
         """Take B actions (int64, (B,)); episodes that end are replaced by the next at once."""
@@ -212,7 +218,10 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._taken = self._taken + 1
         views, row = self._views, self._row
         self._views = self._views + tried
-        self._final = (self._seen, self._target, self._taken)
+        if self._remembers:
+            tries = torch.zeros_like(self._blocked).scatter_(1, actions[:, None], (tried & ~moved)[:, None])
+            self._blocked = (self._blocked | tries) & ~moved[:, None]
+        self._final = (self._seen, self._target, self._taken, self._blocked)
         self._replace(terminated | truncated)
         return Step(reward, terminated, truncated, answer, moved, views, row)
 
@@ -272,11 +281,11 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
 
     def _add_finals(self, infos: dict[str, Any], step: Step, ended: NDArray[np.bool_]) -> None:
         """Last observation and info of the episodes that ended in this step."""
-        now = self._seen, self._target, self._taken
-        self._seen, self._target, self._taken = self._final
+        now = self._seen, self._target, self._taken, self._blocked
+        self._seen, self._target, self._taken, self._blocked = self._final
         last = self._numpy(self.observe())
         infos["final_info"] = self._infos(step.row.tolist(), step.views, step.moved, ended)
-        self._seen, self._target, self._taken = now
+        self._seen, self._target, self._taken, self._blocked = now
         infos["final_obs"] = np.array(
             [{k: v[i] for k, v in last.items()} if ended[i] else None for i in range(self.num_envs)], object
         )

@@ -70,7 +70,7 @@ class RandomMoves(NextBestMove):
 
 
 class ForwardOnly(NextBestMove):
-    """The same straight on; blocked, it stays and pays."""
+    """The same straight on; blocked, it stays and pays, which takes rules with `try_again`."""
 
     def __init__(self, network: LSDNet, sure: float = SURE) -> None:
         super().__init__(network, "forward", sure)

@@ -6,14 +6,11 @@ import copy
 from dataclasses import fields
 from typing import NamedTuple
 
-import torch
 from torch import Tensor, nn
 
-from activelsd.envs.actions import ActionTree
+from activelsd.envs.actions import CLASSIFY, ActionTree
 from activelsd.errors import RunError
 from activelsd.policy.lsdnet import LSDNet
-
-HEAD = ("policy.weight", "policy.bias")
 
 
 class Transfer(NamedTuple):
@@ -22,13 +19,15 @@ class Transfer(NamedTuple):
     kept: tuple[str, ...]  # rows that both know
     fresh: tuple[str, ...]  # rows that only the new network knows
     dropped: tuple[str, ...]  # rows that only the old network knows
-    input: str  # what became of the first layer
+    around: str  # what became of the part that sees frames around crops
 
 
 def transfer(source: LSDNet, fresh: LSDNet) -> tuple[dict[str, Tensor], Transfer]:
     """The state of `fresh` with all that `source` knows of it; neither network is changed.
 
-    Trunk, memory and value are kept whole, and of the head every row whose name both know.
+    Trunk, memory and value are kept whole, and of the head every row whose name both know. The picture of a
+    lone object is a crop that fills its frame, so the trunk that learned such frames looks at crops next;
+    what then sees the frames around them begins at zero, and the network as what it was.
 
     Raises:
         RunError: the networks differ in more than their actions and in whether they see crops.
@@ -41,21 +40,22 @@ def transfer(source: LSDNet, fresh: LSDNet) -> tuple[dict[str, Tensor], Transfer
                 f"A network of {key}={theirs} cannot start one of {key}={ours}; set {key}={theirs}, "
                 "or leave policy.init out."
             )
-    old, new = head_rows(source), head_rows(fresh)
-    state = {name: value.detach().clone() for name, value in source.state_dict().items()}
-    for name in HEAD:
-        state[name] = fresh.state_dict()[name].clone()
-        for row in new.keys() & old.keys():
-            state[name][new[row]] = source.state_dict()[name][old[row]]
-    said = "kept"
-    if source.shape.crops != fresh.shape.crops:
-        first = _first_layer(source)
-        state[first], said = _for_crops(state[first], crops=fresh.shape.crops)
+    learned, state = source.state_dict(), {name: x.clone() for name, x in fresh.state_dict().items()}
+    old, new = _layers(source), _layers(fresh)
+    for name in state.keys() & learned.keys():
+        layer = name.rpartition(".")[0]
+        if layer not in new:
+            state[name] = learned[name].clone()
+        else:
+            for row in new[layer].keys() & old[layer].keys():
+                state[name][new[layer][row]] = learned[name][old[layer][row]]
+    theirs, ours = head_rows(source), head_rows(fresh)
+    said = {(True, True): "kept", (False, True): "fresh", (True, False): "dropped", (False, False): "none"}
     rows = Transfer(
-        kept=tuple(row for row in new if row in old),
-        fresh=tuple(row for row in new if row not in old),
-        dropped=tuple(row for row in old if row not in new),
-        input=said,
+        kept=tuple(row for row in ours if row in theirs),
+        fresh=tuple(row for row in ours if row not in theirs),
+        dropped=tuple(row for row in theirs if row not in ours),
+        around=said[source.shape.crops, fresh.shape.crops],
     )
     return state, rows
 
@@ -77,10 +77,15 @@ def narrow(network: LSDNet, tree: ActionTree) -> LSDNet:
         )
     few = copy.deepcopy(network)
     few.tree = tree
-    rows = [old[row] for row in wanted]
-    few.policy.out_features = len(rows)
-    few.policy.weight = nn.Parameter(network.policy.weight.detach()[rows])
-    few.policy.bias = nn.Parameter(network.policy.bias.detach()[rows])
+    for layer, rows in _layers(network, tree).items():
+        old = _layers(network)[layer]
+        kept, part = [old[row] for row in rows], few.get_submodule(layer)
+        assert isinstance(part, nn.Linear)
+        part.out_features = len(kept)
+        part.weight, part.bias = (
+            nn.Parameter(part.weight.detach()[kept]),
+            nn.Parameter(part.bias.detach()[kept]),
+        )
     return few
 
 
@@ -92,20 +97,11 @@ def head_rows(network: LSDNet, tree: ActionTree | None = None) -> dict[str, int]
     return {name: row for row, name in enumerate(names)}
 
 
-def _first_layer(network: LSDNet) -> str:
-    layers = network.trunk.named_modules()
-    return next(f"trunk.{name}.weight" for name, layer in layers if isinstance(layer, nn.Conv2d))
-
-
-def _for_crops(weight: Tensor, *, crops: bool) -> tuple[Tensor, str]:
-    """A first layer's weight (out, channels, h, w) with crops added to its input or taken from it.
-
-    Channels lie picture after picture, all frames before all crops. The picture of a lone object is a crop
-    that fills its frame. So what was learned of such frames is put to work on crops, and the frames around
-    them begin at zero: the network starts as the old one looking at the crop, and learns what the rest of a
-    frame is good for. The other way, a frame stands for both, which is the sum.
-    """
-    if crops:
-        return torch.cat([torch.zeros_like(weight), weight], 1), "moved from frames to crops, zero for frames"
-    frames, cut = weight.chunk(2, 1)
-    return frames + cut, "of frames and crops added"
+def _layers(network: LSDNet, tree: ActionTree | None = None) -> dict[str, dict[str, int]]:
+    """The layers whose rows stand for actions, with the number of each row by name."""
+    rows = head_rows(network, tree)
+    layers = {"policy": rows}
+    if network.surroundings is not None:
+        names = [*(row for row in rows if not row.startswith(f"{CLASSIFY}/")), "value"]
+        layers["surroundings.outputs"] = {name: row for row, name in enumerate(names)}
+    return layers

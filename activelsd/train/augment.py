@@ -1,15 +1,19 @@
-"""Crops of targets, varied at random while learning, so that what is learned is the target and not its place.
+"""Episodes varied at random while learning, so that what is learned is the target and not its place.
 
 A walk through few homes shows every instance in a few places only, and a network learns those by heart:
-what is around the target, and how the light falls there. Whole frames stay as they are: where the target is
-in them, and what blocks the way, is what moves are chosen by.
+what is around the target, and how the light falls there. An episode's variation stays what it is to its end.
+One drawn anew at every look would make a blocked move worth its price, as a second look at the same view.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 from torch.nn import functional
+
+from activelsd.envs.actions import NAVIGATE, ActionTree
 
 ZOOM, SQUEEZE, SHIFT = 0.25, 0.1, 0.15
 """Most change of a crop's extent, of one side against the other, and of its middle, as fractions."""
@@ -17,32 +21,105 @@ ZOOM, SQUEEZE, SHIFT = 0.25, 0.1, 0.15
 CONTRAST, BRIGHTNESS = 0.8, 0.25
 """Most change of contrast as an exponent of e, and of brightness as a fraction of white."""
 
+_OPPOSITE = {"left": "right", "right": "left", "cw": "ccw", "ccw": "cw"}
 
-def vary_crops(observation: dict[str, Tensor], generator: torch.Generator) -> dict[str, Tensor]:
-    """The observation with each of its `crops` uint8 (B, K, S, S) cut and lit a little otherwise.
+_DRAWS = 8  # extent, squeeze (2), shift (2), contrast, brightness, mirror
 
-    Crops of targets out of sight are zeros and stay so. What was not cut stays as it is too: an observation
-    without crops, and a frame that stands for the crop of a target that fills it.
+
+def in_mirror(move: str) -> str:
+    """What a move is called in a mirror: its name with left for right and cw for ccw, as in orbit_cw_60."""
+    return "_".join(_OPPOSITE.get(word, word) for word in move.split("_"))
+
+
+class Variation:
+    """How the episodes of B environments differ from what is recorded.
+
+    Crops of targets are cut and lit a little otherwise. Those of targets out of sight are zeros and stay so,
+    and what was not cut stays as it is too: an observation without crops, and a frame that stands for the
+    crop of a target that fills it. Every other episode is seen in a mirror, pictures, boxes and moves.
     """
-    if "crops" not in observation:
-        return observation
-    crops = observation["crops"]
-    pictures = crops.flatten(0, 1)[:, None].float() / 255
 
-    def between(low: float, high: float, *shape: int) -> Tensor:
-        drawn = torch.rand(len(pictures), *shape, generator=generator, device=crops.device)
-        return low + (high - low) * drawn
+    def __init__(
+        self, trees: Sequence[ActionTree], whole: ActionTree, generator: torch.Generator, *, mirror: bool
+    ) -> None:
+        """Prepare; nothing is drawn before the first look.
 
-    extent = between(1 - ZOOM, 1 + ZOOM, 1) * between(1 - SQUEEZE, 1 + SQUEEZE, 2)
-    middle = between(-SHIFT, SHIFT, 2, 1)
-    where = functional.affine_grid(
-        torch.cat([torch.diag_embed(extent), middle], 2), list(pictures.shape), align_corners=False
-    )
-    cut = functional.grid_sample(pictures, where, padding_mode="border", align_corners=False)
-    mean = cut.mean((1, 2, 3), keepdim=True)
-    contrast = between(-CONTRAST, CONTRAST, 1, 1, 1).exp()
-    lit = (cut - mean) * contrast + mean + between(-BRIGHTNESS, BRIGHTNESS, 1, 1, 1)
-    extents, present = observation["target"][..., 2:4], observation["target"][..., 4] > 0
-    was_cut = (present & (extents < 1).any(-1))[..., None, None]
-    varied = (lit.clamp(0, 1) * 255).round().to(torch.uint8).view(crops.shape)
-    return observation | {"crops": torch.where(was_cut, varied, crops)}
+        Args:
+            trees: each world's own actions.
+            whole: the actions of all, by whose numbers masks and actions are given.
+            generator: draws variations; its device is that of the environments.
+            mirror: whether to mirror, where every world has the opposite of each of its moves.
+        """
+        self._generator = generator
+        self._draws = torch.zeros(0, _DRAWS, device=generator.device)
+        leaves = [{leaf for branch, leaf in tree.names if branch == NAVIGATE} for tree in trees]
+        self._mirrors = mirror and all(in_mirror(leaf) in own for own in leaves for leaf in own)
+        swapped = [
+            whole.index(branch, in_mirror(leaf)) if branch == NAVIGATE and self._mirrors else i
+            for i, (branch, leaf) in enumerate(whole.names)
+        ]
+        self._swapped = torch.tensor(swapped, device=generator.device)
+
+    def look(self, observation: dict[str, Tensor], first: Tensor) -> dict[str, Tensor]:
+        """The observation, uint8 (B, K, S, S) and boxes (B, K, 5), varied; nothing is written to.
+
+        Args:
+            observation: as of `ViewGraphVectorEnv.observe`.
+            first: bool (B,) where an episode begins.
+        """
+        fresh = torch.rand(len(first), _DRAWS, generator=self._generator, device=first.device)
+        self._draws = torch.where(first[:, None], fresh, self._draws) if len(self._draws) else fresh
+        if "crops" in observation:
+            observation = observation | {"crops": self._crops(observation)}
+        return self._mirrored(observation) if self._mirrors else observation
+
+    def actions(self, actions: Tensor) -> Tensor:
+        """(B,) int64 actions chosen in the mirror as what they are behind it, and the other way round."""
+        return torch.where(self._in_mirror(), self._swapped[actions], actions)
+
+    def mask(self, mask: Tensor) -> Tensor:
+        """(B, n) bool legal actions, as they are called in the mirror."""
+        return torch.where(self._in_mirror()[:, None], mask[:, self._swapped], mask)
+
+    def state(self) -> dict[str, Tensor]:
+        """How the episodes under way vary."""
+        return {"draws": self._draws}
+
+    def load_state(self, tensors: dict[str, Tensor]) -> None:
+        """Take back what `state` gave."""
+        self._draws = tensors["draws"].to(self._swapped.device)
+
+    def _in_mirror(self) -> Tensor:
+        return self._draws[:, -1] < (0.5 if self._mirrors else 0.0)
+
+    def _crops(self, observation: dict[str, Tensor]) -> Tensor:
+        """Crops cut and lit otherwise."""
+        crops, target = observation["crops"], observation["target"]
+        batch, stacked = crops.shape[:2]
+        between = 2 * self._draws[:, :-1] - 1
+        extent, squeeze, shift, contrast, brightness = torch.split(between, [1, 2, 2, 1, 1], 1)
+        scale = (1 + ZOOM * extent) * (1 + SQUEEZE * squeeze)
+        where = functional.affine_grid(
+            torch.cat([torch.diag_embed(scale), SHIFT * shift[:, :, None]], 2),
+            [batch, stacked, *crops.shape[2:]],
+            align_corners=False,
+        )
+        cut = functional.grid_sample(crops.float() / 255, where, padding_mode="border", align_corners=False)
+        mean = cut.mean((2, 3), keepdim=True)
+        lit = (cut - mean) * (CONTRAST * contrast).exp()[..., None, None] + mean
+        lit = lit + (BRIGHTNESS * brightness)[..., None, None]
+        was_cut = ((target[..., 4] > 0) & (target[..., 2:4] < 1).any(-1))[..., None, None]
+        return torch.where(was_cut, (lit.clamp(0, 1) * 255).round().to(torch.uint8), crops)
+
+    def _mirrored(self, observation: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Pictures and boxes of the episodes in the mirror flipped."""
+        here = self._in_mirror()[:, None, None]
+        target = observation["target"].clone()
+        flipped = torch.where(target[..., 4] > 0, 1 - target[..., 0], target[..., 0])
+        target[..., 0] = torch.where(here[..., 0], flipped, target[..., 0])
+        pictures = {
+            name: torch.where(here[..., None], picture.flip(-1), picture)
+            for name, picture in observation.items()
+            if name != "target"
+        }
+        return pictures | {"target": target}

@@ -70,8 +70,9 @@ class TrainSettings(BaseModel):
     envs: int = Field(64, ge=1, description="resident: episodes played side by side")
     ga3c: GA3CSettings = Field(GA3CSettings(), description="agents with batched prediction")
     vary_crops: bool = Field(
-        True, description="resident: crops of targets are cut and lit a little otherwise at every look"
+        True, description="resident: crops of targets are cut and lit otherwise in every episode"
     )
+    mirror: bool = Field(False, description="resident: every other episode is seen in a mirror")
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 
     gamma: float = Field(0.98, ge=0, le=1, description="discount per action")

@@ -59,24 +59,27 @@ def test_rules_are_frozen_and_need_a_view() -> None:
     preset=st.sampled_from(sorted(TABLE)),
     limit=st.sampled_from([1, 2, 4, 12]),
     priced=st.booleans(),
+    try_again=st.booleans(),
     seed=st.integers(0, 99),
     data=st.data(),
 )
 def test_episodes_are_played_by_the_table(
-    world: str, preset: str, limit: int, priced: bool, seed: int, data: st.DataObject
+    world: str, preset: str, limit: int, priced: bool, try_again: bool, seed: int, data: st.DataObject
 ) -> None:
     """Against the table's words, written a second time."""
     graph = GRAPHS[world]
     wrong, on_right, on_wrong, can_move = TABLE[preset]
     move, blocked, right = (-0.125, -0.5, 2.0) if priced else (0.0, 0.0, 1.0)
     rules = replace(PRESETS[preset], max_views=limit, move=move, blocked=blocked, right=right)
+    rules = replace(rules, try_again=try_again)
     env = ViewGraphEnv(graph, rules, frames=2)
     _, info = env.reset(seed=seed)
     classes = len(graph.classes)
     place = int(graph.start_view[graph.find(info["episode_id"])])
     path = [place]
+    walls: set[int] = set()  # moves that were blocked where it stands
     for t in range(1, limit + 1):
-        legal = [a < classes or (can_move and t < limit) for a in range(env.tree.n)]
+        legal = [a < classes or (can_move and t < limit and a not in walls) for a in range(env.tree.n)]
         assert info["action_mask"].tolist() == legal
         action = data.draw(st.integers(0, env.tree.n - 1), label="action")
         observation, reward, terminated, truncated, info = env.step(action)
@@ -90,7 +93,9 @@ def test_episodes_are_played_by_the_table(
             moved = can_move and t < limit and to >= 0
             expected = move if moved else blocked
             if moved:
-                place = to
+                place, walls = to, set()
+            elif not try_again:
+                walls.add(action)
             if t < limit:
                 path.append(place)
         assert (reward, terminated, truncated) == (expected, ends, t == limit and not ends)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -42,7 +44,7 @@ def one_by_one(
         observation, _, terminated, truncated, info = env.step(action)
         if terminated or truncated:
             assert info["views"] == len(path)
-            return action, [graph.view_names[view] for view in path], not bool(mask.all())
+            return action, [graph.view_names[view] for view in path], not bool(mask[0, len(CLASSES) :].any())
         path.append(env._view)
         first = torch.tensor([False])
 
@@ -59,7 +61,7 @@ def test_playing_is_what_single_environments_give(memory: str, batch: int) -> No
         assert (row.answer, list(row.path), row.forced) == (CLASSES[answer], path, forced)
         assert row.right == (answer == GRAPH.episode(start).label)
     lengths = {row.views for row in rows}
-    assert len(lengths) > 2, "a network that always does the same shows nothing"
+    assert len(lengths) > 1, "a network that always does the same shows nothing"
 
 
 @pytest.mark.parametrize("batch", [1, 2, 4, 7, 17, 18])
@@ -104,10 +106,13 @@ def test_the_first_class_ends_an_episode_whatever_it_was_trained_by() -> None:
 
 
 def test_blocked_moves_are_views_of_the_same() -> None:
-    rows = played(Scripted(lambda seen, free: 3 if len(seen) < 3 else 0))
+    twice = Scripted(lambda seen, free: 3 if len(seen) < 3 else 0, "twice")
+    rows = played(twice, rules=replace(RULES, try_again=True))
     by_start = {row.start: row.path for row in rows}
     assert by_start["a0"] == ("a0", "a0", "a0")
     assert by_start["a2"] == ("a2", "a4", "a4")
+    with pytest.raises(ValueError, match="'twice' took an action that the mask forbids"):
+        played(twice)
 
 
 def test_an_illegal_action_is_refused() -> None:

@@ -171,12 +171,13 @@ def with_bias(graph: ViewGraph, classes: float) -> LSDNet:
 
 
 def test_next_best_move_goes_on_until_it_is_sure() -> None:
+    again = replace(RULES, try_again=True)
     for player in (NextBestMove, lambda net: RandomMoves(net, 0), ForwardOnly):
-        assert {row.views for row in played(player(with_bias(SMALL, 2.0)), SMALL)} == {24}  # 0.88
-        assert {row.views for row in played(player(with_bias(SMALL, 2.5)), SMALL)} == {1}  # 0.92
+        assert {row.views for row in played(player(with_bias(SMALL, 2.0)), SMALL, again)} == {24}  # 0.88
+        assert {row.views for row in played(player(with_bias(SMALL, 2.5)), SMALL, again)} == {1}  # 0.92
     rows = played(NextBestMove(with_bias(SMALL, 0.0)), SMALL)
     assert rows[0].path[:3] == ("0_0_0", "0_0_30", "0_0_60")
-    rows = played(ForwardOnly(with_bias(SMALL, 0.0)), SMALL)
+    rows = played(ForwardOnly(with_bias(SMALL, 0.0)), SMALL, again)
     assert rows[0].path == (*(f"0_{y}_0" for y in range(4)), *["0_3_0"] * 20)
     ways = [
         pair for row in played(RandomMoves(with_bias(SMALL, 0.0), 0), SMALL) for pair in pairwise(row.path)

@@ -23,12 +23,14 @@ TREES = st.builds(lambda classes, moves: ActionTree.answer_or_move(classes, move
 
 
 def network(tree: ActionTree, seed: int, **shape: Any) -> LSDNet:
-    """With a bias in every row of the head, which a fresh network has not."""
+    """With something in every row of its outputs, which a fresh network has not."""
     made = new_network(tree, replace(SHAPE, **shape), seed)
+    drawn = torch.Generator().manual_seed(seed)
     with torch.no_grad():
-        made.policy.bias.copy_(
-            torch.randn(len(made.policy.bias), generator=torch.Generator().manual_seed(seed))
-        )
+        made.policy.bias.normal_(generator=drawn)
+        if made.surroundings is not None:
+            made.surroundings.outputs.weight.normal_(generator=drawn)
+            made.surroundings.outputs.bias.normal_(generator=drawn)
     return made
 
 
@@ -55,20 +57,22 @@ def outputs(net: LSDNet, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tenso
     new=TREES,
     memory=st.sampled_from(["pool", "lstm", "stack"]),
     head=st.sampled_from(["tree", "flat"]),
+    crops=st.booleans(),
 )
 def test_rows_of_names_both_know_are_kept_and_the_others_are_fresh(
-    old: ActionTree, new: ActionTree, memory: str, head: str
+    old: ActionTree, new: ActionTree, memory: str, head: str, crops: bool
 ) -> None:
-    source, fresh = (network(tree, seed, memory=memory, head=head) for tree, seed in ((old, 1), (new, 2)))
+    shape = {"memory": memory, "head": head, "crops": crops}
+    source, fresh = (network(tree, seed, **shape) for tree, seed in ((old, 1), (new, 2)))
     before = [{k: v.clone() for k, v in one.state_dict().items()} for one in (source, fresh)]
     state, rows = transfer(source, fresh)
     for one, was in zip((source, fresh), before, strict=True):
         assert all(torch.equal(value, was[name]) for name, value in one.state_dict().items())
 
-    again = network(new, 2, memory=memory, head=head)
+    again = network(new, 2, **shape)
     again.load_state_dict(state)
     for name, value in again.state_dict().items():
-        if not name.startswith("policy."):
+        if not name.startswith(("policy.", "surroundings.outputs.")):
             assert torch.equal(value, source.state_dict()[name]), name
     # The rows by name, counted a second time from the trees.
     names = [*(new.branches if head == "tree" else ()), *(f"{b}/{x}" for b, x in new.names)]
@@ -78,54 +82,51 @@ def test_rows_of_names_both_know_are_kept_and_the_others_are_fresh(
         origin, at = (source, theirs.index(name)) if name in known else (fresh, row)
         assert torch.equal(again.policy.weight[row], origin.policy.weight[at])
         assert torch.equal(again.policy.bias[row], origin.policy.bias[at])
+    if crops:
+        steering = [[name for name in rows if not name.startswith("classify/")] for rows in (names, theirs)]
+        for row, name in enumerate([*steering[0], "value"]):
+            origin, at = (fresh, row)
+            if name in known or name == "value":
+                origin, at = source, [*steering[1], "value"].index(name)
+            for kind in ("weight", "bias"):
+                ours, whose = (getattr(net.surroundings.outputs, kind) for net in (again, origin))
+                assert torch.equal(ours[row], whose[at])
     assert rows.kept == tuple(name for name in names if name in known)
     assert rows.fresh == tuple(name for name in names if name not in known)
     assert set(rows.dropped) == known - set(names)
 
 
 TREE = ActionTree.answer_or_move(("cup", "vase"), ("left", "right"))
-TRUNKS = [{"trunk": "compact"}, {"trunk": "alexnet", "size": 64}]
 
 
 @pytest.mark.parametrize("frames", [1, 3])
 def test_a_network_of_frames_begins_as_itself_looking_at_crops(frames: int) -> None:
-    source, fresh = network(TREE, 1, frames=frames), network(TREE, 2, frames=frames, crops=True)
+    source = network(TREE, 1, frames=frames)
+    fresh = new_network(TREE, replace(SHAPE, frames=frames, crops=True), 2)
     state, rows = transfer(source, fresh)
     fresh.load_state_dict(state)
-    assert "crops" in rows.input
+    assert rows.around == "fresh"
     seen = look(frames=frames, crops=True)
     expected = outputs(source, {"frames": seen["crops"], "target": seen["target"]})
     for ours, theirs in zip(outputs(fresh, seen), expected, strict=True):
         torch.testing.assert_close(ours, theirs)
-    # A picture without a crop of its own is both, and the way back is the way there.
+    # A picture without a crop of its own is its crop, and the way back is the way there.
     alone = {name: seen[name] for name in ("frames", "target")}
     for ours, theirs in zip(outputs(fresh, alone), outputs(source, alone), strict=True):
         torch.testing.assert_close(ours, theirs)
-    back, _ = transfer(fresh, network(TREE, 3, frames=frames))
+    back, rows = transfer(fresh, network(TREE, 3, frames=frames))
+    assert rows.around == "dropped"
     assert all(torch.equal(value, back[name]) for name, value in source.state_dict().items())
 
 
-@pytest.mark.parametrize("trunk", TRUNKS, ids=lambda shape: shape["trunk"])
-def test_without_crops_a_frame_stands_for_both(trunk: dict[str, Any]) -> None:
-    source = network(TREE, 1, frames=2, crops=True, **trunk)
-    fresh = network(TREE, 2, frames=2, **trunk)
-    state, _ = transfer(source, fresh)
-    fresh.load_state_dict(state)
-    size = source.shape.size
-    frames = torch.randint(0, 256, (1, 3, 2, size, size), dtype=torch.uint8)
-    seen = {"frames": frames, "target": torch.rand(1, 3, 2, 5)}
-    for ours, theirs in zip(outputs(fresh, seen), outputs(source, seen | {"crops": frames}), strict=True):
-        torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
-
-
-def test_frames_that_begin_at_zero_still_learn() -> None:
-    fresh = network(TREE, 2, crops=True)
-    fresh.load_state_dict(transfer(network(TREE, 1), fresh)[0])
+def test_surroundings_that_begin_at_zero_still_learn() -> None:
+    fresh = new_network(TREE, replace(SHAPE, crops=True), 2)
     output = fresh(look(crops=True), fresh.initial_state(5), torch.ones(1, 5, dtype=torch.bool))
     output.logits.square().sum().backward()
-    weight = fresh.trunk.convolutions[1].weight
-    assert float(weight.detach()[:, :16].abs().max()) == 0.0
-    assert float(weight.grad[:, :16].abs().max()) > 0.0
+    assert fresh.surroundings is not None
+    outputs = fresh.surroundings.outputs.weight
+    assert float(outputs.detach().abs().max()) == 0.0
+    assert float(outputs.grad.abs().max()) > 0.0
 
 
 @pytest.mark.parametrize(
@@ -153,16 +154,17 @@ WIDE = ActionTree.answer_or_move(("cup", "desk", "vase", "bed"), ("left", "up", 
 FEW = ActionTree.answer_or_move(("bed", "cup"), ("right", "left"))
 
 
+@pytest.mark.parametrize("crops", [False, True])
 @pytest.mark.parametrize("head", ["tree", "flat"])
-def test_a_narrowed_network_is_the_wide_one_where_no_more_is_legal(head: str) -> None:
-    wide = network(WIDE, 4, head=head)
+def test_a_narrowed_network_is_the_wide_one_where_no_more_is_legal(head: str, crops: bool) -> None:
+    wide = network(WIDE, 4, head=head, crops=crops)
     few = narrow(wide, FEW)
     actions = [WIDE.index(*name) for name in FEW.names]
     mask = torch.zeros(WIDE.n, dtype=torch.bool)
     mask[actions] = True
-    logits, value, state = outputs(wide, look(64))
-    narrow_logits, narrow_value, narrow_state = outputs(few, look(64))
-    assert torch.equal(value, narrow_value)
+    logits, value, state = outputs(wide, look(64, crops=crops))
+    narrow_logits, narrow_value, narrow_state = outputs(few, look(64, crops=crops))
+    torch.testing.assert_close(value, narrow_value)
     assert torch.equal(state, narrow_state)
     theirs = wide.distribution(logits, mask.expand(1, 64, -1))
     ours = few.distribution(narrow_logits, torch.ones(1, 64, FEW.n, dtype=torch.bool))

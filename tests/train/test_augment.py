@@ -1,32 +1,41 @@
-"""Crops varied at random: within bounds, by a generator, and nothing else of an observation."""
+"""Episodes varied at random: within bounds, the same to an episode's end, and nothing else of it."""
 
 from __future__ import annotations
 
+import pytest
 import torch
 from torch import Tensor
 
-from activelsd.train.augment import vary_crops
+from activelsd.envs.actions import ActionTree
+from activelsd.train.augment import Variation
+
+TREE = ActionTree.answer_or_move(("cup", "vase"), ("forward", "orbit_cw_60", "orbit_ccw_60", "left", "right"))
+BEGIN, GO_ON = torch.ones(6, dtype=torch.bool), torch.zeros(6, dtype=torch.bool)
+
+
+def variation(seed: int = 0, tree: ActionTree = TREE, *, mirror: bool = False) -> Variation:
+    return Variation([tree], tree, torch.Generator().manual_seed(seed), mirror=mirror)
 
 
 def observed() -> dict[str, Tensor]:
     """Six looks of two stacked crops: a bright square left of the middle; the third is out of sight."""
     crops = torch.full((6, 2, 32, 32), 60, dtype=torch.uint8)
     crops[..., 10:22, 6:18] = 200
-    target = torch.tensor([0.5, 0.5, 0.2, 0.3, 1.0]).repeat(6, 2, 1)
+    target = torch.tensor([0.4, 0.5, 0.2, 0.3, 1.0]).repeat(6, 2, 1)
     crops[2], target[2] = 0, 0
     return {"frames": crops.flip(-1), "crops": crops, "target": target}
 
 
 def test_crops_vary_and_nothing_else_does() -> None:
     observation = observed()
-    varied = vary_crops(observation, torch.Generator().manual_seed(0))
+    varied = variation().look(observation, BEGIN)
     assert varied["frames"] is observation["frames"]
     assert varied["target"] is observation["target"]
     crops = varied["crops"]
     assert (crops.shape, crops.dtype) == (observation["crops"].shape, torch.uint8)
     assert not crops[2].any(), "out of sight stays dark"
     assert torch.equal(observation["crops"], observed()["crops"]), "the recording is not written to"
-    seen = crops[[0, 1, 3, 4, 5]].flatten(0, 1).float()
+    seen = crops[[0, 1, 3, 4, 5], 0].float()
     assert len({tuple(crop.flatten().tolist()) for crop in seen}) == len(seen), "each on its own"
     # The square is still there, left of the middle and brighter than what is around it.
     for crop in seen:
@@ -35,25 +44,67 @@ def test_crops_vary_and_nothing_else_does() -> None:
         assert inside.nonzero()[:, 1].float().mean() < 20
 
 
+def test_an_episode_varies_in_one_way() -> None:
+    """Else a blocked move would be worth a second look at what is the same view."""
+    some = variation()
+    before = some.look(observed(), BEGIN)["crops"]
+    assert torch.equal(some.look(observed(), GO_ON)["crops"], before)
+    ended = torch.tensor([True, False, False, False, False, True])
+    after = some.look(observed(), ended)["crops"]
+    same = (after == before).flatten(1).all(1)
+    assert same.tolist() == [False, True, True, True, True, False]
+    assert torch.equal(after[:, 0], after[:, 1]), "all stacked looks alike"
+
+
 def test_a_frame_that_stands_for_a_crop_stays_as_it_is() -> None:
     observation = observed()
     observation["target"][3] = torch.tensor([0.5, 0.5, 1.0, 1.0, 1.0])
-    crops = vary_crops(observation, torch.Generator().manual_seed(0))["crops"]
+    crops = variation().look(observation, BEGIN)["crops"]
     assert torch.equal(crops[3], observation["crops"][3])
     assert not torch.equal(crops[4], observation["crops"][4])
 
 
-def test_a_generator_repeats_it() -> None:
-    first, again, other = (
-        vary_crops(observed(), torch.Generator().manual_seed(seed))["crops"] for seed in (1, 1, 2)
-    )
+def test_a_generator_repeats_it_and_its_state_goes_on() -> None:
+    first, again, other = (variation(seed).look(observed(), BEGIN)["crops"] for seed in (1, 1, 2))
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
+    stopped, resumed = variation(1), variation(5)
+    stopped.look(observed(), BEGIN)
+    resumed.load_state(stopped.state())
+    assert torch.equal(resumed.look(observed(), GO_ON)["crops"], first)
 
 
-def test_worlds_without_crops_draw_nothing() -> None:
-    observation = {name: value for name, value in observed().items() if name != "crops"}
-    generator = torch.Generator().manual_seed(0)
-    before = generator.get_state()
-    assert vary_crops(observation, generator) is observation
-    assert torch.equal(generator.get_state(), before)
+def test_a_mirror_flips_pictures_boxes_and_moves() -> None:
+    plain, mirrored = variation(3), variation(3, mirror=True)
+    straight, seen = plain.look(observed(), BEGIN), mirrored.look(observed(), BEGIN)
+    everything = torch.arange(TREE.n).repeat(6, 1)
+    called = torch.stack([mirrored.actions(column) for column in everything.T], 1)
+    swapped = [TREE.index(*name) for name in (
+        ("classify", "cup"), ("classify", "vase"), ("navigate", "forward"), ("navigate", "orbit_ccw_60"),
+        ("navigate", "orbit_cw_60"), ("navigate", "right"), ("navigate", "left"),
+    )]  # fmt: skip
+    ways = [row == swapped for row in called.tolist()]
+    assert 0 < sum(ways) < 6
+    for i, flipped in enumerate(ways):
+        assert called[i].tolist() == (swapped if flipped else list(range(TREE.n)))
+        for name in ("frames", "crops"):
+            expected = straight[name][i].flip(-1) if flipped else straight[name][i]
+            assert torch.equal(seen[name][i], expected)
+        x = 0.0 if i == 2 else 0.6 if flipped else 0.4  # the third is out of sight
+        torch.testing.assert_close(seen["target"][i, :, 0], torch.full((2,), x))
+        assert torch.equal(seen["target"][i, :, 1:], observed()["target"][i, :, 1:])
+    # What is legal is called by the same names as what is done.
+    mask = torch.rand(6, TREE.n) < 0.5
+    mask_seen = mirrored.mask(mask)
+    for column in everything.T:
+        theirs = mask_seen.gather(1, column[:, None])
+        assert torch.equal(theirs, mask.gather(1, mirrored.actions(column)[:, None]))
+
+
+@pytest.mark.parametrize("moves", [("rotate_cw",), ("left", "right", "orbit_ccw")])
+def test_a_world_without_the_opposite_of_a_move_is_not_mirrored(moves: tuple[str, ...]) -> None:
+    tree = ActionTree.answer_or_move(("cup",), moves)
+    some = variation(tree=tree, mirror=True)
+    assert torch.equal(some.look(observed(), BEGIN)["frames"], observed()["frames"])
+    actions = torch.full((6,), tree.n - 1)
+    assert torch.equal(some.actions(actions), actions)

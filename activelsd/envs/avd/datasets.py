@@ -66,7 +66,7 @@ def sample_scans(
     Args:
         cache: where samples are kept.
         split: a published split asks for all of its scans.
-        scans: names of those to make; None for the split's, or a handful.
+        scans: names of those to make; None for the split's, or twenty.
         width: of the photographs, in pixels.
         height: of the photographs, in pixels.
         seed: draws homes and things.

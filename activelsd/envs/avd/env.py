@@ -51,6 +51,7 @@ def avd_graph(
     size: int = 64,
     navigate: Sequence[str] = MOVES,
     visible: bool = True,
+    shown_well: bool = False,
     max_difficulty: int = 5,
     min_size: float = 0.0,
     max_size: float = 1.0,
@@ -67,14 +68,15 @@ def avd_graph(
         split: `homes`, `1`, `2` or `3`, see `splits.split_scans`.
         train: scans to train on; None for the split's.
         test: scans to test on; None for the split's.
-        scans: sample scans to make; None for the split's, or a handful.
+        scans: sample scans to make; None for the split's, or twenty.
         width: of sample photographs, in pixels.
         height: of sample photographs, in pixels.
         seed: draws the sample's homes.
         task: name the `instance`, or the `category` of it, see `categories`.
         size: side of frames and crops in pixels.
         navigate: names of moves, out of `scan.MOVES`.
-        visible: see `starts.starts`, as are the next three.
+        visible: see `starts.starts`, as are the next four.
+        shown_well: also start where the target is shown well.
         max_difficulty: of the start's box.
         min_size: of the start's box.
         max_size: of the start's box.
@@ -103,7 +105,13 @@ def avd_graph(
         prepare([found[name] for name in chosen.scans], size=size, cache=cache, progress=progress)
     )
     graph = starts(
-        graph, chosen, visible=visible, max_difficulty=max_difficulty, min_size=min_size, max_size=max_size
+        graph,
+        chosen,
+        visible=visible,
+        shown_well=shown_well,
+        max_difficulty=max_difficulty,
+        min_size=min_size,
+        max_size=max_size,
     )
     if scores is not None:
         graph = starts_by_score(graph, read_scores(graph, Path(scores)), threshold)

@@ -21,11 +21,8 @@ from activelsd.envs.rooms.renderer import Camera, Picture, RoomRenderer
 from activelsd.envs.rooms.smallthings import KINDS, small_thing
 from activelsd.errors import ConfigError
 
-DEFAULT_SCANS: tuple[str, ...] = (
-    "Home_001_1", "Home_002_1", "Home_003_1", "Home_004_1", "Home_005_1", "Home_006_1", "Home_008_1",
-    "Home_014_1",
-)  # fmt: skip
-"""A handful of homes: enough to train on some and to validate and test on others."""
+DEFAULT_SCANS: tuple[str, ...] = tuple(f"Home_{home:03d}_1" for home in range(1, 21))
+"""Small homes, and many: with few an agent learns by heart where in them each instance stands."""
 
 _COUNTS = {
     "book": 3, "bottle": 4, "bowl": 2, "box": 4, "can": 4, "carton": 4, "cup": 4, "laptop": 1, "radio": 1,
@@ -43,11 +40,11 @@ HEADINGS = 12
 MOVES = ("rotate_ccw", "rotate_cw", "forward", "backward", "left", "right")
 
 _TURNED = {"forward": 0, "left": 90, "backward": 180, "right": 270}  # degrees from the heading
-_STANDING = 20  # instances in a scan, following one another in INSTANCES, so that there are look-alikes
+_STANDING = 24  # instances in a scan, following one another in INSTANCES, so that there are look-alikes
 _STRIDE = 14  # by which those of the next home begin further: homes 1 to 5 have each instance twice or more
-_CLUTTER = 4  # other small things in a scan
+_CLUTTER = 2  # other small things in a scan
 _STEP, _RADIUS = 0.3, 0.2  # metres
-_FREE = (48, 68)  # points of the grid
+_FREE = (34, 48)  # points of the grid
 _EYE, _PITCH = 1.3, -12.0  # metres above the floor, degrees
 _FOCAL = 1070 / 1920  # of the picture's width
 _SCAN = re.compile(r"(Home|Office|Gen)_(\d{3})_([1-9])")

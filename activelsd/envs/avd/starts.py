@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activelsd.envs.avd.splits import Split, validates
+from activelsd.envs.oracle import shows_well
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import DataError
 
@@ -29,6 +30,7 @@ def starts(
     split: Split,
     *,
     visible: bool = True,
+    shown_well: bool = False,
     max_difficulty: int = 5,
     min_size: float = 0.0,
     max_size: float = 1.0,
@@ -40,6 +42,7 @@ def starts(
         split: which scan is of which split.
         visible: only views that show the target; else every view of the target's scan, unless another filter
             needs a box to judge by.
+        shown_well: also views that show the target well, see `oracle.shows_well`: moving gains little there.
         max_difficulty: of the start's box, as annotated, 1 (easiest) to 5.
         min_size: of the start's box: its larger side as a fraction of the frame.
         max_size: the same.
@@ -53,6 +56,8 @@ def starts(
     shown = np.append(good, False)[graph.pair_of]
     if not (visible or max_difficulty < 5 or min_size > 0 or max_size < 1):
         shown = graph.scene_of[:, None] == np.array(scene_of_target)
+    if not shown_well:
+        shown &= ~np.append(shows_well(graph), False)[graph.pair_of]
     view, target = np.nonzero(shown)
     split_of = _split_of_target(graph, split)[target]
     kept = split_of >= 0

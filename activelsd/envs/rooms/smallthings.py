@@ -1,7 +1,7 @@
 """Small things of a household: cans, bottles, boxes, cups … that keep shape and paint wherever they stand.
 
-They come in families of four that share body and colours and differ in the label on the front alone. From
-behind, or from too far away to read a label, they cannot be told apart.
+They come in families of four that share body and colours and differ in the pattern of their labels alone,
+which are on most sides and about as dark as each other: from too far away they are all gray.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from activelsd.envs.rooms.textures import Colour, Material, darker
 from activelsd.errors import DataError, did_you_mean
 
 LABELS = (
-    ("###", "...", "###"),
-    ("#.#", "#.#", "#.#"),
-    ("...", ".#.", "..."),
-    ("##.", "##.", "..."),
+    ("#####", ".....", "#####", ".....", "#####"),
+    ("#.#.#", "#.#.#", "#.#.#", "#.#.#", "#.#.#"),
+    ("#.#.#", ".#.#.", "#.#.#", ".#.#.", "#.#.#"),
+    ("#####", "#...#", "#.#.#", "#...#", "#####"),
 )
-"""Cells of the label of each member of a family, seen from the front; # is dark."""
+"""Cells of the label of each member of a family, as one reads them; # is dark."""
 
 _BODIES: tuple[Colour, ...] = (
     (178, 38, 42), (38, 74, 148), (214, 178, 52), (40, 120, 74), (226, 222, 210), (92, 60, 44), (60, 62, 70),
     (214, 120, 40), (128, 168, 190), (150, 84, 140),
 )  # fmt: skip
 _LIGHT, _DARK = Material((240.0, 238.0, 228.0)), Material((28.0, 28.0, 34.0))
+_CELLS = len(LABELS[0])
 _PROUD = 0.0008
 """Metres that a label stands out of what it is glued to."""
 
@@ -66,21 +67,21 @@ def small_thing(kind: str, number: int) -> Model:
 
 
 def _on_lathe(style: _Style, outer: Sequence[tuple[float, float]], low: float, high: float) -> list[Part]:
-    """The label wrapped around the front of a body turned from an outer wall (radius, height)."""
+    """Three labels around a body turned from an outer wall (radius, height), the first on its front, -y."""
     radii, heights = zip(*outer, strict=True)
     parts: list[Part] = []
-    edges = np.linspace(-55.0, 55.0, 4) - 90.0  # the front is -y
-    levels = np.linspace(high, low, 4)
+    edges = np.linspace(-45.0, 45.0, _CELLS + 1) - 90.0
+    levels = np.linspace(high, low, _CELLS + 1)
     for i, row in enumerate(style.label):
-        z = np.linspace(levels[i + 1], levels[i], 4)
+        z = levels[[i + 1, i]]
         r = np.interp(z, heights, radii) + _PROUD
         for j, cell in enumerate(row):
-            ring = arc(edges[j], edges[j + 1], 7)
+            ring = arc(edges[j], edges[j + 1], 3)
             grid = np.empty((len(z), len(ring), 3), np.float32)
             grid[:, :, :2] = r[:, None, None] * ring
             grid[:, :, 2] = z[:, None]
             parts.append((_sheet(grid), _DARK if cell == "#" else _LIGHT))
-    return parts
+    return [*parts, *_turned(parts, 120.0), *_turned(parts, 240.0)]
 
 
 def _sheet(grid: np.ndarray[tuple[int, int, int], np.dtype[np.float32]]) -> Mesh:
@@ -92,14 +93,19 @@ def _sheet(grid: np.ndarray[tuple[int, int, int], np.dtype[np.float32]]) -> Mesh
     return Mesh(grid.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32))
 
 
-def _on_front(style: _Style, x0: float, x1: float, z0: float, z1: float, y: float) -> list[Part]:
-    """The label as tiles on an upright plane that faces -y."""
-    xs, zs = np.linspace(x0, x1, 4), np.linspace(z1, z0, 4)
+def _on_front(style: _Style, x: tuple[float, float], z: tuple[float, float], y: float) -> list[Part]:
+    """The label as tiles between two x and two z on an upright plane that faces -y."""
+    xs, zs = np.linspace(*x, _CELLS + 1), np.linspace(*z[::-1], _CELLS + 1)
     return [
         (box((xs[j], y - _PROUD, zs[i + 1]), (xs[j + 1], y, zs[i])), _DARK if cell == "#" else _LIGHT)
         for i, row in enumerate(style.label)
         for j, cell in enumerate(row)
     ]
+
+
+def _turned(parts: Sequence[Part], angle: float) -> list[Part]:
+    """The same on another side."""
+    return [(turn(mesh, angle), material) for mesh, material in parts]
 
 
 def _can(style: _Style) -> list[Part]:
@@ -167,52 +173,64 @@ def _bowl(style: _Style) -> list[Part]:
 
 
 def _packet(width: float, depth: float, height: float) -> Callable[[_Style], list[Part]]:
-    """Makes boxes of about that size, with a coloured band across the top."""
+    """Makes boxes of about that size, with a coloured band across the top and a label on every side."""
 
     def make(style: _Style) -> list[Part]:
         w, d, h = (float(x * style.rng.uniform(0.9, 1.1)) for x in (width, depth, height))
+        front, side = (
+            _on_front(style, (-0.4 * x, 0.4 * x), (0.1 * h, 0.75 * h), -y / 2) for x, y in ((w, d), (d, w))
+        )
         return [
             (slab(w, d, 0.85 * h), style.body),
             (slab(w, d, 0.15 * h, at=(0.0, 0.0, 0.85 * h)), style.trim),
-            *_on_front(style, -0.4 * w, 0.4 * w, 0.1 * h, 0.75 * h, -d / 2),
+            *front,
+            *_turned(front, 180.0),
+            *_turned(side, 90.0),
+            *_turned(side, -90.0),
         ]
 
     return make
 
 
 def _book(style: _Style) -> list[Part]:
-    """Standing a little open, its cover to the front."""
+    """Standing a little open, a label on both covers."""
     w, d, h = (float(style.rng.uniform(*x)) for x in ((0.14, 0.17), (0.03, 0.045), (0.2, 0.24)))
     pages = Material((226.0, 220.0, 200.0))
+    front = _on_front(style, (-0.38 * w, 0.38 * w), (0.35 * h, 0.9 * h), -d / 2)
     return [
         (slab(w - 0.006, d - 0.006, h - 0.006, at=(0.003, 0.0, 0.003)), pages),
         (box((-w / 2, -d / 2, 0.0), (w / 2, -d / 2 + 0.003, h)), style.body),
         (box((-w / 2, d / 2 - 0.003, 0.0), (w / 2, d / 2, h)), style.body),
         (box((-w / 2 - 0.002, -d / 2, 0.0), (-w / 2 + 0.002, d / 2, h)), style.trim),
-        *_on_front(style, -0.38 * w, 0.38 * w, 0.35 * h, 0.9 * h, -d / 2),
+        *front,
+        *_turned(front, 180.0),
     ]
 
 
 def _radio(style: _Style) -> list[Part]:
-    """A loudspeaker to the left of the label, a handle on top."""
+    """A loudspeaker to the left of the label, a handle on top, and a label behind."""
     w, d, h = (float(style.rng.uniform(*x)) for x in ((0.24, 0.3), (0.08, 0.1), (0.15, 0.18)))
     cone = turn(cylinder(0.36 * h, 0.0, 0.006, segments=24), 90, axis="x")
+    front = _on_front(style, (0.04 * w, 0.44 * w), (0.15 * h, 0.85 * h), -d / 2)
     bow = ((-0.3 * w, 0.0, h), (-0.3 * w, 0.0, 1.2 * h), (0.3 * w, 0.0, 1.2 * h), (0.3 * w, 0.0, h))
     return [
         (slab(w, d, h), style.body),
         (shift(cone, (-0.25 * w, -d / 2, 0.5 * h)), _DARK),
         (tube(bow, 0.006), style.trim),
-        *_on_front(style, 0.04 * w, 0.44 * w, 0.15 * h, 0.85 * h, -d / 2),
+        *front,
+        *_turned(front, 180.0),
     ]
 
 
 def _laptop(style: _Style) -> list[Part]:
-    """Open, its label on the screen."""
+    """Open, a label on the screen and on the back of that."""
     w, lean = float(style.rng.uniform(0.3, 0.34)), float(style.rng.uniform(10, 20))
     d, h = 0.66 * w, 0.62 * w
+    label = _on_front(style, (-0.4 * w, 0.4 * w), (0.014 + 0.1 * h, 0.014 + 0.9 * h), -0.004)
+    back = d / 2 - 0.004
     screen = [
-        (slab(w, 0.008, h, at=(0.0, d / 2 - 0.004, 0.014)), style.body),
-        *_on_front(style, -0.45 * w, 0.45 * w, 0.014 + 0.06 * h, 0.95 * h, d / 2 - 0.008),
+        (slab(w, 0.008, h, at=(0.0, back, 0.014)), style.body),
+        *((shift(mesh, (0.0, back, 0.0)), paint) for mesh, paint in [*label, *_turned(label, 180.0)]),
     ]
     hinge = (0.0, d / 2, 0.014)
     return [

@@ -12,7 +12,7 @@ from activelsd.envs.vector import Step, ViewGraphVectorEnv
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, Output
 from activelsd.train.actors.protocol import MakeActors
-from activelsd.train.augment import vary_crops
+from activelsd.train.augment import Variation
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
 
@@ -30,13 +30,16 @@ class ResidentActors:
         length: int,
         seed: int,
         *,
-        varied: bool = False,
+        vary: bool = False,
+        mirror: bool = False,
     ) -> None:
-        """Start B episodes; `seed` fixes which, and how actions are drawn and, if `varied`, crops vary."""
-        self._varied = varied
+        """Start B episodes; `seed` fixes which, how actions are drawn and, if asked for, how they vary."""
         self.env, self.network, self.length = env, network, length
         self.places = env.places if isinstance(env, JointVectorEnv) else {}
         self._generator = torch.Generator(env.device).manual_seed(seed)
+        parts = list(env.parts.values()) if isinstance(env, JointVectorEnv) else [env]
+        trees = [part.tree for part in parts]
+        self._variation = Variation(trees, env.tree, self._generator, mirror=mirror) if vary else None
         env.begin(seed)
         self._memory = network.initial_state(env.num_envs)
         self._first = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
@@ -49,9 +52,7 @@ class ResidentActors:
         outputs: list[Output] = []
         steps: list[Step] = []
         for _ in range(self.length):
-            observation, mask = env.observe(), env.mask()
-            if self._varied:
-                observation = vary_crops(observation, self._generator)
+            observation, mask = self._look()
             output = self.network(_one(observation), memory, self._first[None])
             drawn = self.network.distribution(output.logits[0].detach(), mask, epsilon)
             action = drawn.sample(self._generator)
@@ -61,12 +62,12 @@ class ResidentActors:
             firsts.append(self._first)
             actions.append(action)
             outputs.append(output)
-            step = env.advance(action)
+            step = env.advance(self._variation.actions(action) if self._variation else action)
             steps.append(step)
             memory, self._first = output.state, step.terminated | step.truncated
         self._memory, before = memory.detach(), self._memory
         with torch.no_grad():
-            bootstrap = self.network(_one(env.observe()), self._memory, self._first[None]).value[0]
+            bootstrap = self.network(_one(self._look()[0]), self._memory, self._first[None]).value[0]
         return Rollout(
             observation={name: torch.stack([o[name] for o in seen]) for name in seen[0]},
             first=torch.stack(firsts),
@@ -86,6 +87,14 @@ class ResidentActors:
             ),
         )
 
+    def _look(self) -> tuple[dict[str, Tensor], Tensor]:
+        """What is to be seen now and the legal actions, varied where they are to be."""
+        observation, mask = self.env.observe(), self.env.mask()
+        if self._variation is None:
+            return observation, mask
+        observation = self._variation.look(observation, self._first)
+        return observation, self._variation.mask(mask)
+
     def measures(self) -> dict[str, float]:
         """Nothing beside what rollouts say."""
         return {}
@@ -96,6 +105,8 @@ class ResidentActors:
     def state(self) -> dict[str, Tensor]:
         """Where every episode stands and what is remembered of it, for a checkpoint."""
         own = {"memory": self._memory, "first": self._first, "generator": self._generator.get_state()}
+        if self._variation is not None:
+            own |= self._variation.state()
         return own | {f"env/{name}": value for name, value in self.env.state().items()}
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
@@ -103,6 +114,8 @@ class ResidentActors:
         device = self.env.device
         self._memory, self._first = tensors["memory"].to(device), tensors["first"].to(device)
         self._generator.set_state(tensors["generator"])
+        if self._variation is not None:
+            self._variation.load_state(tensors)
         self.env.load_state({k.removeprefix("env/"): v for k, v in tensors.items() if k.startswith("env/")})
 
 
@@ -113,7 +126,9 @@ def on_recordings(
 
     def make(network: LSDNet, seed: int) -> ResidentActors:
         env = play_recordings(worlds, num_envs=settings.envs, frames=frames, device=device)
-        return ResidentActors(env, network, settings.length, seed, varied=settings.vary_crops)
+        return ResidentActors(
+            env, network, settings.length, seed, vary=settings.vary_crops, mirror=settings.mirror
+        )
 
     return make
 

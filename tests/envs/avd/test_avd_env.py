@@ -24,6 +24,7 @@ from activelsd.envs.avd.prepare import prepare
 from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.avd.splits import split_scans
 from activelsd.envs.avd.starts import Scores, check_starts, frozen_list, read_scores, starts, write_scores
+from activelsd.envs.oracle import shows_well
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, load_graph
 from activelsd.errors import ConfigError, DataError
 from tests.envs.avd.homes import INSTANCES, write_homes
@@ -87,7 +88,7 @@ def test_many_at_once_are_what_one_is(root: Path) -> None:
 
 
 def test_homes_are_split_and_one_validates(prepared: ViewGraph) -> None:
-    graph = starts(prepared, split_scans(list(prepared.scenes)))
+    graph = starts(prepared, split_scans(list(prepared.scenes)), shown_well=True)
     assert homes_of(graph, "test") == {"Home_006_1"}
     assert homes_of(graph, "val") == {"Home_005_1"}
     assert homes_of(graph, "train") == {f"Home_00{i}_1" for i in range(1, 5)}
@@ -114,25 +115,29 @@ def test_starts_are_filtered(prepared: ViewGraph) -> None:
     assert prepared.boxes is not None
     assert prepared.pair_of is not None
     assert prepared.difficulty is not None
-    easy = starts(prepared, split, max_difficulty=1)
-    small = starts(prepared, split, max_size=0.4)
-    large = starts(prepared, split, min_size=0.4)
+    hard = starts(prepared, split)
+    easy = starts(prepared, split, shown_well=True, max_difficulty=1)
+    small = starts(prepared, split, shown_well=True, max_size=0.4)
+    large = starts(prepared, split, shown_well=True, min_size=0.4)
     for graph, good in (
+        (hard, ~shows_well(prepared)),
         (easy, prepared.difficulty == 1),
         (small, prepared.boxes[:, 2:].max(1) <= 0.4),
         (large, prepared.boxes[:, 2:].max(1) >= 0.4),
     ):
         pairs = prepared.pair_of[graph.start_view, graph.start_target]
         assert sorted(pairs.tolist()) == np.flatnonzero(good).tolist()
-    everywhere = starts(prepared, split, visible=False)
+    everywhere = starts(prepared, split, visible=False, shown_well=True)
     assert len(everywhere.start_view) == 6 * 4 * 4, "every view of the target's own home"
     assert homes_of(everywhere, "test") == {"Home_006_1"}
+    unclear = starts(prepared, split, visible=False)
+    assert len(everywhere.start_view) - len(unclear.start_view) == shows_well(prepared).sum() > 0
     with pytest.raises(DataError, match=r"No episode can start in the 'train' split; ask less of env.starts"):
         check_starts(starts(prepared, split, min_size=0.99))
 
 
 def test_the_frozen_list_is_drawn_once_and_for_all(prepared: ViewGraph) -> None:
-    whole = starts(prepared, split_scans(list(prepared.scenes)))
+    whole = starts(prepared, split_scans(list(prepared.scenes)), shown_well=True)
     one, again = frozen_list(whole, 1), frozen_list(whole, 1)
     assert np.array_equal(one.start_view, again.start_view)
     for i, split in enumerate(SPLITS):
@@ -243,8 +248,8 @@ def test_the_sample_is_made_once_and_called_what_it_is(
     words = ["env=avd", f"env.cache={tmp_path}", "env.size=32"]
     assert cli.main(["prepare", *words, "env.dataset=sample"]) == 0
     said = capsys.readouterr().out
-    assert "32 objects of 4 classes" in said
-    assert "32 views of 32 pixels" in said
+    assert f"{4 * len(DEFAULT_SCANS)} objects of 4 classes" in said
+    assert f"{4 * len(DEFAULT_SCANS)} views of 32 pixels" in said
     assert cli.main(["prepare", *words]) == 0
     assert writer.asked == [(DEFAULT_SCANS, 480, 270, 0)]
     (sample,) = (path for path in tmp_path.iterdir() if path.is_dir())
