@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple
@@ -26,6 +27,7 @@ from activelsd.train.actors.ga3c.player import Env
 from activelsd.train.actors.ga3c.process import EnvSpec
 from activelsd.train.actors.protocol import MakeActors
 from activelsd.train.actors.resident import on_recordings
+from activelsd.train.parallel import started_together
 
 Progress = Callable[[int, int], None]
 """Called with what is done and what there is in all."""
@@ -181,13 +183,15 @@ def build_threads(config: RunConfig) -> int | None:
 def build_device(name: str, threads: int | None) -> str:
     """The device that `auto`, `cpu` or `cuda` means here; sets PyTorch's threads where a number is given.
 
+    Of processes that `torchrun` started each has a GPU of its own.
+
     Raises:
         ConfigError: CUDA is asked for and there is none.
     """
     if threads is not None:
         torch.set_num_threads(threads)
-    if name == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
     if name == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device=cuda needs a GPU that PyTorch can use, and there is none; set device=cpu.")
-    return name
+    if name == "cpu" or not torch.cuda.is_available():
+        return "cpu"
+    return f"cuda:{os.environ['LOCAL_RANK']}" if started_together() else "cuda"

@@ -129,7 +129,7 @@ def _train(arguments: argparse.Namespace, words: list[str]) -> int:
         if arguments.dry_run:
             print(dump(resumed_config(arguments.resume, words)), end="")
         else:
-            print(resume(arguments.resume, words))
+            _say(resume(arguments.resume, words))
         return 0
 
     configs = sweep(words, arguments.sweep)
@@ -139,8 +139,16 @@ def _train(arguments: argparse.Namespace, words: list[str]) -> int:
     from activelsd.launch import begin
 
     for config in configs:
-        print(begin(config))
+        _say(begin(config))
     return 0
+
+
+def _say(run: Path) -> None:
+    """Print the run's folder, once where several processes train it."""
+    from activelsd.train.parallel import is_first
+
+    if is_first():
+        print(run)
 
 
 def _prepare(arguments: argparse.Namespace, words: list[str]) -> int:

@@ -27,6 +27,7 @@ from activelsd.evaluate.compare import measure
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.policy.transfer import narrow, transfer
+from activelsd.train.parallel import ALONE, Group
 from activelsd.train.run import CONFIG, Run, find_checkpoint
 from activelsd.train.trainer import Trainer
 
@@ -43,12 +44,17 @@ def open_graph(settings: World) -> ViewGraph:
         return build_graph(settings, show)
 
 
-def open_worlds(config: RunConfig) -> list[Recording]:
-    """Every world of a config, to play."""
-    return [
+def open_worlds(config: RunConfig, group: Group = ALONE) -> list[Recording]:
+    """Every world of a config, to play; the first process of a group prepares what is not prepared yet."""
+    if group.rank > 0:
+        group.wait()
+    worlds = [
         Recording(name, open_graph(settings), build_rules(settings.rules), build_backend(settings))
         for name, settings in config.worlds.items()
     ]
+    if group.rank == 0:
+        group.wait()
+    return worlds
 
 
 def begin(config: RunConfig) -> Path:
@@ -59,27 +65,31 @@ def begin(config: RunConfig) -> Path:
         KeyboardInterrupt: stopped; its text says how to go on.
     """
     device = build_device(config.device, build_threads(config))
-    if config.policy.init is not None:
-        find_checkpoint(config.policy.init)  # before the worlds are opened, which takes a while
-    worlds = open_worlds(config)
-    run = Run.create(config.runs, config.title, dump(config))
-    try:
-        return _train(config, run, worlds, device)
-    except UserError:
-        if not _has_checkpoint(run):
-            shutil.rmtree(run.folder)
-        raise
+    with Group.joined(device) as group:
+        if config.policy.init is not None:
+            find_checkpoint(config.policy.init)  # before the worlds are opened, which takes a while
+        worlds = open_worlds(config, group)
+        made = Run.create(config.runs, config.title, dump(config)).folder if group.rank == 0 else ""
+        run = Run(Path(group.agreed(str(made))))
+        try:
+            return _train(config, run, worlds, device, group)
+        except UserError:
+            if group.rank == 0 and not _has_checkpoint(run):
+                shutil.rmtree(run.folder)
+            raise
 
 
 def resume(folder: Path, words: Sequence[str]) -> Path:
     """Go on with a run from its last checkpoint, or from its beginning where it has none yet; its folder."""
     run, config = Run(folder), resumed_config(folder, words)
-    device, worlds = build_device(config.device, build_threads(config)), open_worlds(config)
-    if words:
-        temporary = folder / f"{CONFIG}.tmp"
-        temporary.write_text(dump(config))
-        temporary.replace(folder / CONFIG)
-    return _train(config, run, worlds, device)
+    device = build_device(config.device, build_threads(config))
+    with Group.joined(device) as group:
+        worlds = open_worlds(config, group)
+        if words and group.rank == 0:
+            temporary = folder / f"{CONFIG}.tmp"
+            temporary.write_text(dump(config))
+            temporary.replace(folder / CONFIG)
+        return _train(config, run, worlds, device, group)
 
 
 def resumed_config(folder: Path, words: Sequence[str]) -> RunConfig:
@@ -87,11 +97,12 @@ def resumed_config(folder: Path, words: Sequence[str]) -> RunConfig:
     return change(load(Run(folder).folder / CONFIG), words, ON_RESUME, "a run goes on as it began")
 
 
-def _train(config: RunConfig, run: Run, worlds: Sequence[Recording], device: str) -> Path:
+def _train(config: RunConfig, run: Run, worlds: Sequence[Recording], device: str, group: Group) -> Path:
     stand_ins = [
         world.backend for world in worlds if world.backend not in [one.name for one in config.worlds.values()]
     ]
-    notice(f"Training {run.folder}" + "".join(f" on {backend}, a stand-in" for backend in stand_ins))
+    if group.rank == 0:
+        notice(f"Training {run.folder}" + "".join(f" on {backend}, a stand-in" for backend in stand_ins))
     resuming = _has_checkpoint(run)
     shape = build_shape(config.policy, *(world.graph for world in worlds))
     watched = [world for world in worlds if (world.graph.start_split == SPLITS.index("val")).any()]
@@ -110,9 +121,10 @@ def _train(config: RunConfig, run: Run, worlds: Sequence[Recording], device: str
             device=device,
             evaluate=evaluate if watched else None,
             resume=resuming,
+            group=group,
         )
         if config.policy.init is not None and not resuming:
-            _start_from(find_checkpoint(config.policy.init), run, trainer.network, device)
+            _start_from(find_checkpoint(config.policy.init), run, trainer.network, device, group)
         trainer.train()
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"Stopped; go on with: activelsd train --resume {run.folder}") from None
@@ -129,10 +141,12 @@ def _look(network: LSDNet, worlds: Sequence[Recording], device: str, *, alone: b
     return figures
 
 
-def _start_from(checkpoint: Path, run: Run, network: LSDNet, device: str) -> None:
+def _start_from(checkpoint: Path, run: Run, network: LSDNet, device: str, group: Group) -> None:
     """Give a fresh network what a checkpoint's knows of it, and say what was kept."""
     state, rows = transfer(load_network(checkpoint, device), network)
     network.load_state_dict(state)
+    if group.rank > 0:
+        return
     (run.folder / INIT).write_text(json.dumps({"from": str(checkpoint), **rows._asdict()}, indent=1) + "\n")
     notice(
         f"Started from {checkpoint}: kept trunk, memory, value and {len(rows.kept)} of "

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from activelsd.policy.lsdnet import LSDNet, Output
 from activelsd.train.losses import Losses, Weights, a3c_losses, n_step_returns
+from activelsd.train.parallel import ALONE, Group
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
 from activelsd.train.vtrace import vtrace
@@ -16,10 +17,10 @@ CACHED = 96
 
 
 class Learner:
-    """Changes a network's weights by the A3C loss."""
+    """Changes a network's weights by the A3C loss, in step with the other learners of a group."""
 
-    def __init__(self, network: LSDNet, settings: TrainSettings) -> None:
-        self.network, self.settings = network, settings
+    def __init__(self, network: LSDNet, settings: TrainSettings, group: Group = ALONE) -> None:
+        self.network, self.settings, self._group = network, settings, group
         parameters = list(network.parameters())
         rate, eps = settings.learning_rate, settings.optimiser_epsilon
         self.optimiser: torch.optim.Optimizer
@@ -41,6 +42,7 @@ class Learner:
         losses = self.losses(rollout, progress)
         self.optimiser.zero_grad(set_to_none=True)
         losses.total.backward()  # type: ignore[no-untyped-call]
+        self._group.average(self.network.parameters())
         norm = torch.nn.utils.clip_grad_norm_(
             self.network.parameters(), self.settings.clip_norm or torch.inf, foreach=True
         )

@@ -21,6 +21,7 @@ from activelsd.policy.lsdnet import LSDNet, NetworkShape
 from activelsd.train.actors.protocol import MakeActors
 from activelsd.train.learner import Learner
 from activelsd.train.logging import Logger, open_loggers
+from activelsd.train.parallel import ALONE, Group
 from activelsd.train.run import Run
 from activelsd.train.settings import TrainSettings
 from activelsd.train.statistics import Statistics
@@ -39,7 +40,8 @@ def new_network(tree: ActionTree, shape: NetworkShape, seed: int) -> LSDNet:
 class Trainer:
     """Trains one network by what actors play, and leaves everything in a run's folder.
 
-    One seed is fanned out: to the first weights, and to the episodes and actions drawn.
+    One seed is fanned out: to the first weights, and to the episodes and actions drawn. Of a group of
+    processes each plays episodes of its own; the first writes, and what it logs is of its own episodes.
     """
 
     def __init__(
@@ -54,10 +56,12 @@ class Trainer:
         device: str = "cpu",
         evaluate: Evaluate | None = None,
         resume: bool = False,
+        group: Group = ALONE,
     ) -> None:
         """Build everything, or, to resume, take it back from the run's newest checkpoint."""
         self.run, self.settings, self._evaluate = run, settings, evaluate
-        weights_seed, play_seed = (int(s) for s in np.random.SeedSequence(seed).generate_state(2))
+        self._group = group
+        weights_seed, *play_seeds = np.random.SeedSequence(seed).generate_state(1 + group.size).tolist()
         self.step, self._seconds = 0, 0.0
         if resume:
             self.network = load_network(run.checkpoint, device)
@@ -67,8 +71,8 @@ class Trainer:
                 )
         else:
             self.network = new_network(tree, shape, weights_seed).to(device)
-        self.learner = Learner(self.network, settings)
-        self.actors = make_actors(self.network, play_seed)
+        self.learner = Learner(self.network, settings, group)
+        self.actors = make_actors(self.network, play_seeds[group.rank])
         if resume:
             self._restore()
 
@@ -79,12 +83,16 @@ class Trainer:
             TrainingError: the loss is not finite any more; the last checkpoint is from before.
             KeyboardInterrupt: the user asked to stop; a checkpoint was written first.
         """
-        settings = self.settings
-        loggers = open_loggers(settings.loggers, self.run.folder, up_to=self.step, total=settings.steps)
+        settings, writes = self.settings, self._group.rank == 0
+        loggers = (
+            open_loggers(settings.loggers, self.run.folder, up_to=self.step, total=settings.steps)
+            if writes
+            else []
+        )
         statistics, since, window = Statistics(self.actors.places), self.step, time.monotonic()
         try:
             with _stop_requested() as stop:
-                while self.step < settings.steps and not stop():
+                while self.step < settings.steps and not self._group.any(stop()):
                     before = self.step
                     self._update(statistics)
                     if self._passed(before, settings.log_every):
@@ -94,7 +102,7 @@ class Trainer:
                         since, window = self.step, now
                     if self._passed(before, settings.checkpoint_every):
                         self.save()
-                    if self._evaluate and self._passed(before, settings.evaluate_every):
+                    if writes and self._evaluate and self._passed(before, settings.evaluate_every):
                         paused = time.monotonic()
                         self._write(loggers, {f"val/{k}": v for k, v in self._evaluate(self.network).items()})
                         window += time.monotonic() - paused
@@ -115,7 +123,7 @@ class Trainer:
             rollout = replace(rollout, output=self.learner.output(rollout))
         losses = self.learner.update(rollout, progress)
         statistics.add(rollout, self.network, losses)
-        self.step += rollout.rewards.numel()
+        self.step += rollout.rewards.numel() * self._group.size
 
     def _passed(self, before: int, every: int) -> bool:
         return before // every != self.step // every or self.step >= self.settings.steps
@@ -136,8 +144,9 @@ class Trainer:
     def save(self) -> None:
         """Write a checkpoint that resumes to the bit."""
         tensors = {f"learner/{k}": v for k, v in self.learner.state().items()}
-        tensors |= {f"actors/{k}": v for k, v in self.actors.state().items()}
-        self.run.save(self.step, self.network, tensors, {"seconds": self._seconds})
+        tensors |= {f"actors/{k}": v for k, v in self._group.gathered(self.actors.state()).items()}
+        if self._group.rank == 0:
+            self.run.save(self.step, self.network, tensors, {"seconds": self._seconds})
 
     def _restore(self) -> None:
         tensors, progress = self.run.load_training()
@@ -148,7 +157,7 @@ class Trainer:
         self.step, self._seconds = int(progress["step"]), float(progress["seconds"])
         try:
             self.learner.load_state(part("learner/"))
-            self.actors.load_state(part("actors/"))
+            self.actors.load_state(self._group.own(part("actors/")))
         except (KeyError, ValueError, RuntimeError) as error:
             raise RunError(
                 f"{self.run.checkpoint} does not fit its own settings ({error}); train afresh."
