@@ -52,7 +52,7 @@ class Surroundings(nn.Module):
     """What whole frames say for moving: where the target is in them, and what stands in the way.
 
     Classes are none of its business: a network that may name a target by the room around it learns the rooms
-    is trained in by heart, and is lost in others. Its outputs begin at zero and are added to the head's.
+    it is trained in by heart, and is lost in others. Its outputs begin at zero and are added to the head's.
     """
 
     SIZE, FEATURES = 32, 64

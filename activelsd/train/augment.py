@@ -36,11 +36,18 @@ class Variation:
 
     Crops of targets are cut and lit a little otherwise. Those of targets out of sight are zeros and stay so,
     and what was not cut stays as it is too: an observation without crops, and a frame that stands for the
-    crop of a target that fills it. Every other episode is seen in a mirror, pictures, boxes and moves.
+    crop of a target that fills it. Every other episode is seen in a mirror, pictures, boxes and moves. Where
+    nothing is to vary, nothing is drawn.
     """
 
     def __init__(
-        self, trees: Sequence[ActionTree], whole: ActionTree, generator: torch.Generator, *, mirror: bool
+        self,
+        trees: Sequence[ActionTree],
+        whole: ActionTree,
+        generator: torch.Generator,
+        *,
+        crops: bool,
+        mirror: bool,
     ) -> None:
         """Prepare; nothing is drawn before the first look.
 
@@ -48,9 +55,10 @@ class Variation:
             trees: each world's own actions.
             whole: the actions of all, by whose numbers masks and actions are given.
             generator: draws variations; its device is that of the environments.
+            crops: whether to vary crops.
             mirror: whether to mirror, where every world has the opposite of each of its moves.
         """
-        self._generator = generator
+        self._generator, self._varies = generator, crops
         self._draws = torch.zeros(0, _DRAWS, device=generator.device)
         leaves = [{leaf for branch, leaf in tree.names if branch == NAVIGATE} for tree in trees]
         self._mirrors = mirror and all(in_mirror(leaf) in own for own in leaves for leaf in own)
@@ -67,18 +75,23 @@ class Variation:
             observation: as of `ViewGraphVectorEnv.observe`.
             first: bool (B,) where an episode begins.
         """
+        varies = self._varies and "crops" in observation
+        if not (varies or self._mirrors):
+            return observation
         fresh = torch.rand(len(first), _DRAWS, generator=self._generator, device=first.device)
         self._draws = torch.where(first[:, None], fresh, self._draws) if len(self._draws) else fresh
-        if "crops" in observation:
+        if varies:
             observation = observation | {"crops": self._crops(observation)}
         return self._mirrored(observation) if self._mirrors else observation
 
     def actions(self, actions: Tensor) -> Tensor:
         """(B,) int64 actions chosen in the mirror as what they are behind it, and the other way round."""
-        return torch.where(self._in_mirror(), self._swapped[actions], actions)
+        return torch.where(self._in_mirror(), self._swapped[actions], actions) if self._mirrors else actions
 
     def mask(self, mask: Tensor) -> Tensor:
         """(B, n) bool legal actions, as they are called in the mirror."""
+        if not self._mirrors:
+            return mask
         return torch.where(self._in_mirror()[:, None], mask[:, self._swapped], mask)
 
     def state(self) -> dict[str, Tensor]:
@@ -90,7 +103,7 @@ class Variation:
         self._draws = tensors["draws"].to(self._swapped.device)
 
     def _in_mirror(self) -> Tensor:
-        return self._draws[:, -1] < (0.5 if self._mirrors else 0.0)
+        return self._draws[:, -1] < 0.5
 
     def _crops(self, observation: dict[str, Tensor]) -> Tensor:
         """Crops cut and lit otherwise."""

@@ -14,7 +14,7 @@ BEGIN, GO_ON = torch.ones(6, dtype=torch.bool), torch.zeros(6, dtype=torch.bool)
 
 
 def variation(seed: int = 0, tree: ActionTree = TREE, *, mirror: bool = False) -> Variation:
-    return Variation([tree], tree, torch.Generator().manual_seed(seed), mirror=mirror)
+    return Variation([tree], tree, torch.Generator().manual_seed(seed), crops=True, mirror=mirror)
 
 
 def observed() -> dict[str, Tensor]:
@@ -99,6 +99,20 @@ def test_a_mirror_flips_pictures_boxes_and_moves() -> None:
     for column in everything.T:
         theirs = mask_seen.gather(1, column[:, None])
         assert torch.equal(theirs, mask.gather(1, mirrored.actions(column)[:, None]))
+
+
+def test_where_nothing_is_to_vary_nothing_is_drawn() -> None:
+    """Runs of worlds without crops stay what they were, to the bit."""
+    observation = {name: value for name, value in observed().items() if name != "crops"}
+    generator = torch.Generator().manual_seed(0)
+    before = generator.get_state()
+    some = Variation([TREE], TREE, generator, crops=True, mirror=False)
+    mask, actions = torch.ones(6, TREE.n) > 0, torch.arange(6)
+    assert some.look(observation, BEGIN) is observation
+    assert (some.mask(mask) is mask, some.actions(actions) is actions) == (True, True)
+    assert torch.equal(generator.get_state(), before)
+    still = Variation([TREE], TREE, generator, crops=False, mirror=False)
+    assert torch.equal(still.look(observed(), BEGIN)["crops"], observed()["crops"])
 
 
 @pytest.mark.parametrize("moves", [("rotate_cw",), ("left", "right", "orbit_ccw")])

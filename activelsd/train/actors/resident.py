@@ -30,7 +30,7 @@ class ResidentActors:
         length: int,
         seed: int,
         *,
-        vary: bool = False,
+        vary_crops: bool = False,
         mirror: bool = False,
     ) -> None:
         """Start B episodes; `seed` fixes which, how actions are drawn and, if asked for, how they vary."""
@@ -39,7 +39,7 @@ class ResidentActors:
         self._generator = torch.Generator(env.device).manual_seed(seed)
         parts = list(env.parts.values()) if isinstance(env, JointVectorEnv) else [env]
         trees = [part.tree for part in parts]
-        self._variation = Variation(trees, env.tree, self._generator, mirror=mirror) if vary else None
+        self._variation = Variation(trees, env.tree, self._generator, crops=vary_crops, mirror=mirror)
         env.begin(seed)
         self._memory = network.initial_state(env.num_envs)
         self._first = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
@@ -62,7 +62,7 @@ class ResidentActors:
             firsts.append(self._first)
             actions.append(action)
             outputs.append(output)
-            step = env.advance(self._variation.actions(action) if self._variation else action)
+            step = env.advance(self._variation.actions(action))
             steps.append(step)
             memory, self._first = output.state, step.terminated | step.truncated
         self._memory, before = memory.detach(), self._memory
@@ -89,11 +89,8 @@ class ResidentActors:
 
     def _look(self) -> tuple[dict[str, Tensor], Tensor]:
         """What is to be seen now and the legal actions, varied where they are to be."""
-        observation, mask = self.env.observe(), self.env.mask()
-        if self._variation is None:
-            return observation, mask
-        observation = self._variation.look(observation, self._first)
-        return observation, self._variation.mask(mask)
+        observation = self._variation.look(self.env.observe(), self._first)
+        return observation, self._variation.mask(self.env.mask())
 
     def measures(self) -> dict[str, float]:
         """Nothing beside what rollouts say."""
@@ -105,8 +102,7 @@ class ResidentActors:
     def state(self) -> dict[str, Tensor]:
         """Where every episode stands and what is remembered of it, for a checkpoint."""
         own = {"memory": self._memory, "first": self._first, "generator": self._generator.get_state()}
-        if self._variation is not None:
-            own |= self._variation.state()
+        own |= self._variation.state()
         return own | {f"env/{name}": value for name, value in self.env.state().items()}
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
@@ -114,8 +110,7 @@ class ResidentActors:
         device = self.env.device
         self._memory, self._first = tensors["memory"].to(device), tensors["first"].to(device)
         self._generator.set_state(tensors["generator"])
-        if self._variation is not None:
-            self._variation.load_state(tensors)
+        self._variation.load_state(tensors)
         self.env.load_state({k.removeprefix("env/"): v for k, v in tensors.items() if k.startswith("env/")})
 
 
@@ -127,7 +122,7 @@ def on_recordings(
     def make(network: LSDNet, seed: int) -> ResidentActors:
         env = play_recordings(worlds, num_envs=settings.envs, frames=frames, device=device)
         return ResidentActors(
-            env, network, settings.length, seed, vary=settings.vary_crops, mirror=settings.mirror
+            env, network, settings.length, seed, vary_crops=settings.vary_crops, mirror=settings.mirror
         )
 
     return make
