@@ -192,8 +192,11 @@ def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
 
 def _runs_and_settings(words: list[str]) -> tuple[list[str], list[str]]:
     """Words without `=` are folders of runs; in `split=val` and the like `evaluate.` may be left out."""
+    from activelsd.config import EvaluateSettings
+
     settings = [word for word in words if "=" in word]
-    whole = [word if "." in word.partition("=")[0] else f"evaluate.{word}" for word in settings]
+    short = [word.partition("=")[0] in EvaluateSettings.model_fields for word in settings]
+    whole = [f"evaluate.{word}" if own else word for word, own in zip(settings, short, strict=True)]
     return [word for word in words if "=" not in word], whole
 
 

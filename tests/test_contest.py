@@ -43,7 +43,7 @@ def test_compare_takes_the_newest_run_and_leaves_all_files(
 
 
 def test_evaluate_leaves_a_comparison_alone(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["evaluate", str(run), "split=val", "evaluate.episodes_per_object=5"]) == 0
+    assert cli.main(["evaluate", str(run), "split=val", "threads=1", "evaluate.episodes_per_object=5"]) == 0
     assert "10 episodes: 2 val objects, 5 random starts of each." in capsys.readouterr().out
     assert json.loads((run / "evaluation.json").read_text())["split"] == "val"
     assert not (run / "comparison.json").exists()
