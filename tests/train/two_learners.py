@@ -7,7 +7,7 @@ from pathlib import Path
 
 from activelsd.policy.checkpoint import save_network
 from activelsd.train.learner import Learner
-from activelsd.train.parallel import Group
+from activelsd.train.parallel import Group, leave
 from activelsd.train.settings import TrainSettings
 from tests.train.test_parallel import UPDATES, some_rollout, some_rows
 
@@ -20,3 +20,4 @@ for progress in UPDATES:
     learner.update(mine, progress)
 if group.rank == 0:
     save_network(network, Path(sys.argv[1]))
+leave(0)
