@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +18,15 @@ from activelsd.errors import RunError
 from activelsd.evaluate.compare import measure
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.heads import Epsilon
-from activelsd.policy.lsdnet import NetworkShape, Output
+from activelsd.policy.lsdnet import NetworkShape
 from activelsd.policy.transfer import narrow
 from activelsd.train.actors.resident import on_recordings
-from activelsd.train.rollout import Rollout
 from activelsd.train.run import Run
 from activelsd.train.settings import TrainSettings
 from activelsd.train.statistics import Statistics
 from activelsd.train.trainer import Trainer
 from tests.graphs import ring_graph, room_graph
+from tests.rollouts import columns
 
 METRICS = ("reward", "accuracy", "views", "navigate", "accuracy_at_first_view", "policy_entropy_loss")
 RINGS = replace(ring_graph(objects=12, classes=3, telling=(3, 4, 5)), classes=("bed", "cup", "vase"))
@@ -83,19 +83,6 @@ def test_each_world_is_counted_by_itself(tmp_path: Path) -> None:
             assert metrics[f"{name}/{metric}"] == pytest.approx(value), metric
     assert metrics["rings/views"] != pytest.approx(metrics["rooms/views"])
     assert set(metrics) == {f"{world}{name}" for world in ("", "rings/", "rooms/") for name in METRICS}
-
-
-def columns(rollout: Rollout, place: slice) -> Rollout:
-    """The rollout of some environments."""
-    assert rollout.output is not None
-    own = {
-        field.name: getattr(rollout, field.name)[:, place]
-        for field in fields(rollout)
-        if field.name not in ("observation", "state", "epsilon", "bootstrap", "output")
-        and getattr(rollout, field.name) is not None
-    }
-    logits, value, state = rollout.output
-    return replace(rollout, **own, output=Output(logits[:, place], value[:, place], state[place]))
 
 
 def test_it_learns_two_worlds_at_once(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -46,19 +46,6 @@ def some_rollout() -> tuple[LSDNet, Rollout]:
     actors = ResidentActors(env, network, 5, seed=2)
     actors.collect(Epsilon(0.5, 0.5))
     return network, replace(actors.collect(Epsilon(0.5, 0.5)), output=None)
-
-
-def some_rows(rollout: Rollout, rows: slice) -> Rollout:
-    """The rollout of some environments."""
-    kept = {name: value[:, rows] for name, value in rollout.observation.items()}
-    own = {
-        field.name: getattr(rollout, field.name)[:, rows]
-        for field in fields(rollout)
-        if field.name not in ("observation", "state", "epsilon", "bootstrap", "output", "behaviour")
-        and getattr(rollout, field.name) is not None
-    }
-    state, bootstrap = rollout.state[rows], rollout.bootstrap[rows]
-    return replace(rollout, **own, observation=kept, state=state, bootstrap=bootstrap)
 
 
 def torchrun(*words: str, processes: int = 2) -> subprocess.Popen[str]:

@@ -9,13 +9,14 @@ from activelsd.policy.checkpoint import save_network
 from activelsd.train.learner import Learner
 from activelsd.train.parallel import Group, leave
 from activelsd.train.settings import TrainSettings
-from tests.train.test_parallel import UPDATES, some_rollout, some_rows
+from tests.rollouts import columns
+from tests.train.test_parallel import UPDATES, some_rollout
 
 group = Group.joined("cpu")
 network, rollout = some_rollout()
 learner = Learner(network, TrainSettings(), group)
 half = rollout.first.shape[1] // group.size
-mine = some_rows(rollout, slice(group.rank * half, (group.rank + 1) * half))
+mine = columns(rollout, slice(group.rank * half, (group.rank + 1) * half))
 for progress in UPDATES:
     learner.update(mine, progress)
 if group.rank == 0:

@@ -46,13 +46,14 @@ class ResidentActors:
 
     def collect(self, epsilon: Epsilon) -> Rollout:
         """Play L steps with this much random exploration."""
-        env, memory = self.env, self._memory
+        env, memory, vary = self.env, self._memory, self._variation
         seen: list[dict[str, Tensor]] = []
         masks, labels, firsts, actions = [], [], [], []
         outputs: list[Output] = []
         steps: list[Step] = []
         for _ in range(self.length):
-            observation, mask = self._look()
+            observation = vary.look(env.observe(), self._first)
+            mask = vary.mask(env.mask())
             output = self.network(_one(observation), memory, self._first[None])
             drawn = self.network.distribution(output.logits[0].detach(), mask, epsilon)
             action = drawn.sample(self._generator)
@@ -62,12 +63,13 @@ class ResidentActors:
             firsts.append(self._first)
             actions.append(action)
             outputs.append(output)
-            step = env.advance(self._variation.actions(action))
+            step = env.advance(vary.actions(action))
             steps.append(step)
             memory, self._first = output.state, step.terminated | step.truncated
         self._memory, before = memory.detach(), self._memory
         with torch.no_grad():
-            bootstrap = self.network(_one(self._look()[0]), self._memory, self._first[None]).value[0]
+            observation = vary.look(env.observe(), self._first)
+            bootstrap = self.network(_one(observation), self._memory, self._first[None]).value[0]
         return Rollout(
             observation={name: torch.stack([o[name] for o in seen]) for name in seen[0]},
             first=torch.stack(firsts),
@@ -86,11 +88,6 @@ class ResidentActors:
                 torch.cat([o.logits for o in outputs]), torch.cat([o.value for o in outputs]), self._memory
             ),
         )
-
-    def _look(self) -> tuple[dict[str, Tensor], Tensor]:
-        """What is to be seen now and the legal actions, varied where they are to be."""
-        observation = self._variation.look(self.env.observe(), self._first)
-        return observation, self._variation.mask(self.env.mask())
 
     def measures(self) -> dict[str, float]:
         """Nothing beside what rollouts say."""

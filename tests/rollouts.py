@@ -1,0 +1,26 @@
+"""Parts of rollouts."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+from activelsd.policy.lsdnet import Output
+from activelsd.train.rollout import Rollout
+
+_BY_ROW = ("state", "bootstrap")  # (B, ...); all else is (L, B, ...)
+
+
+def columns(rollout: Rollout, place: slice) -> Rollout:
+    """The rollout of some environments."""
+    own = {}
+    for field in fields(rollout):
+        value = getattr(rollout, field.name)
+        if field.name in _BY_ROW:
+            own[field.name] = value[place]
+        elif field.name == "observation":
+            own[field.name] = {name: one[:, place] for name, one in value.items()}
+        elif field.name == "output" and value is not None:
+            own[field.name] = Output(value.logits[:, place], value.value[:, place], value.state[place])
+        elif field.name not in ("epsilon", "output") and value is not None:
+            own[field.name] = value[:, place]
+    return replace(rollout, **own)
