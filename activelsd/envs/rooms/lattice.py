@@ -39,8 +39,7 @@ def draw_lattice(room: Room, *, step: float, radius: float) -> Lattice:
     offset = np.array([(plan.width % step) / 2, (plan.depth % step) / 2])  # as many at either end
     cells = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
     points = cells * step + offset
-    inside = (points >= radius) & (points <= np.array([plan.width, plan.depth]) - radius)
-    free = inside.all(axis=1) & _clear(room, points, points, radius)
+    free = clear(room, points, points, radius)
     cells, points = cells[free], points[free]
     if len(cells) == 0:
         raise DataError(
@@ -54,14 +53,16 @@ def draw_lattice(room: Room, *, step: float, radius: float) -> Lattice:
     return Lattice(step, cells[kept].astype(np.int32), points[kept], numbers[neighbours[kept]])
 
 
-def _clear(
+def clear(
     room: Room, starts: NDArray[np.float64], ends: NDArray[np.float64], radius: float
 ) -> NDArray[np.bool_]:
-    """Whether a disc of the radius meets nothing on its way from starts (P, 2) to ends (P, 2)."""
-    clear = np.ones(len(starts), np.bool_)
+    """Whether (P,) a disc of the radius meets no wall and no thing from starts (P, 2) to ends (P, 2)."""
+    most = np.array([room.plan.width, room.plan.depth]) - radius
+    ways = np.stack([starts, ends])
+    free = np.asarray(((ways >= radius) & (ways <= most)).all(axis=(0, 2)))
     for footprint in room.footprints:
-        clear &= clearance(footprint, starts, ends) >= radius
-    return clear
+        free &= clearance(footprint, starts, ends) >= radius
+    return free
 
 
 def _neighbours(
@@ -74,8 +75,8 @@ def _neighbours(
     for i, (dx, dy) in enumerate(DIRECTIONS):
         there = numbers[cells[:, 0] + 1 + dx, cells[:, 1] + 1 + dy]
         here = np.flatnonzero(there >= 0)
-        clear = _clear(room, points[here], points[there[here]], radius)
-        neighbours[here[clear], i] = there[here[clear]]
+        free = clear(room, points[here], points[there[here]], radius)
+        neighbours[here[free], i] = there[here[free]]
     return neighbours
 
 

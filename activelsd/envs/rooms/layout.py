@@ -33,7 +33,7 @@ _ROUNDS = 2  # through the kinds
 _ATTEMPTS = 8  # at a room
 _TRIES = 60  # at a place
 _LOWEST_SILL = 0.9  # metres; what is higher does not stand before a window
-_ON_FLOOR = 0.08  # share of small things put there even where there are surfaces
+_ON_FLOOR = 0.08  # share of small things laid there even where there are surfaces
 _SIZES = (3.4, 4.6)  # metres, sides of a room
 
 
@@ -117,8 +117,24 @@ def furnish(
     return Room(plan=plan, shell=shell, furniture=len(things), things=tuple(things), light=light)
 
 
-def set_out(room: Room, small: Sequence[Model], seed: int | Sequence[int]) -> Room:
+def set_out(
+    room: Room,
+    small: Sequence[Model],
+    seed: int | Sequence[int],
+    *,
+    on: Sequence[str] | None = None,
+    turned: float = 120.0,
+    laid: float = _ON_FLOOR,
+) -> Room:
     """The room with small things put on its furniture, and on the floor where there is no place.
+
+    Args:
+        room: as furnished, or with other things put out before.
+        small: what to put out, in this order.
+        seed: what to draw from.
+        on: kinds of furniture to put them on; None for all.
+        turned: most degrees that a thing's front is turned away from the furniture's, either way.
+        laid: share of them put on the floor even where there are surfaces.
 
     Raises:
         DataError: there is no place on the floor either.
@@ -127,12 +143,27 @@ def set_out(room: Room, small: Sequence[Model], seed: int | Sequence[int]) -> Ro
     supports = [Supports(thing.model) for thing in room.things[: room.furniture]]
     # the root gives a night stand its share beside a bed
     areas = np.sqrt([support.area for support in supports])
+    if on is not None:
+        areas *= [thing.model.kind in on for thing in room.things[: room.furniture]]
     things = list(room.things)
     for model in small:
         placed = None
-        if areas.any() and rng.random() >= _ON_FLOOR:
-            placed = _put(rng, model, things, supports, areas / areas.sum())
+        if areas.any() and rng.random() >= laid:
+            placed = _put(rng, model, things, supports, areas / areas.sum(), turned)
         things.append(placed or _lay(rng, room.plan, model, things))
+    return replace(room, things=tuple(things))
+
+
+def set_down(room: Room, small: Sequence[Model], seed: int | Sequence[int]) -> Room:
+    """The room with things put on its floor, along the walls.
+
+    Raises:
+        DataError: there is no place.
+    """
+    rng = np.random.default_rng(seed)
+    things = list(room.things)
+    for model in small:
+        things.append(_lay(rng, room.plan, model, things))
     return replace(room, things=tuple(things))
 
 
@@ -198,13 +229,14 @@ def _put(
     things: Sequence[Placed],
     supports: Sequence[Supports],
     shares: np.ndarray[tuple[int], np.dtype[np.float64]],
+    most: float,
 ) -> Placed | None:
     """A small thing on a surface of the furniture, its front more or less the furniture's."""
     width, depth, height = model.size
     for _ in range(_TRIES):
         on = int(rng.choice(len(supports), p=shares))
         x, y, z = supports[on].draw(rng)
-        turned = float(rng.uniform(-120, 120))
+        turned = float(rng.uniform(-most, most))
         if not supports[on].holds(Rect(x, y, width / 2, depth / 2, turned), z, height + 0.01):
             continue
         piece = things[on]

@@ -112,6 +112,13 @@ class RoomRenderer:
         shape = (camera.height, camera.width)
         return Picture(colour.reshape(*shape, 3), things.reshape(shape), depth.reshape(shape))
 
+    def met(self, eye: NDArray[np.float32], towards: NDArray[np.float32]) -> NDArray[np.int32]:
+        """Numbers (P,) of the things first met from the eye (3,) towards points (P, 3), or NOTHING."""
+        rays = towards - eye
+        faces = self._scene.run(np.broadcast_to(eye, rays.shape), rays, output=1)["primID"]
+        things: NDArray[np.int32] = self._thing_of[faces]
+        return things
+
     def _trace(
         self,
         eye: NDArray[np.float32],

@@ -1,0 +1,327 @@
+"""Stands in for AI2-THOR's Unity player: the calls and fields of `ai2thor.controller.Controller` 5.0.0.
+
+It needs no download, no display and no GPU: rooms of our own, ray-cast. What a world asks of THOR it answers
+in THOR's axes and under its names; what only Unity can do (picking up, opening, physics) it does not know.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import find_objects
+
+from activelsd.envs.rooms.renderer import Picture
+from activelsd.envs.thor.scenes import SCENES
+from activelsd.envs.thor.standin_room import AGENT_Y, Pose, StandInRoom
+
+_HORIZONS = (-30.0, 60.0)
+_SLACK = 1e-4  # degrees and metres by which an argument may be off
+_LANDING = 0.05  # metres that a teleport may be off the floor
+_INITIAL = {
+    "fieldOfView": 90.0,
+    "gridSize": 0.25,
+    "renderDepthImage": False,
+    "renderInstanceSegmentation": False,
+    "rotateStepDegrees": 90.0,
+    "visibilityDistance": 1.5,
+}
+"""What `Initialize` sets, and stays over resets; other keywords only matter to Unity."""
+
+
+class StandInEvent:
+    """What an action gave. Pictures are taken when they are first asked for, the same bytes whenever.
+
+    Attributes:
+        metadata: the fields of THOR's that are known here.
+        screen_width: pixels.
+        screen_height: pixels.
+    """
+
+    def __init__(
+        self,
+        metadata: dict[str, Any],
+        ids: Sequence[str],
+        look: Callable[[], Picture],
+        *,
+        depth: bool,
+        masks: bool,
+    ) -> None:
+        """Keep what a picture is taken with; without `depth` and `masks` there is none of that."""
+        self.metadata = metadata
+        self.screen_width: int = metadata["screenWidth"]
+        self.screen_height: int = metadata["screenHeight"]
+        self._ids = ids
+        self._look = look
+        self._depth, self._masks = depth, masks
+
+    def __bool__(self) -> bool:
+        return bool(self.metadata["lastActionSuccess"])
+
+    @cached_property
+    def _picture(self) -> Picture:
+        return self._look()
+
+    @property
+    def frame(self) -> NDArray[np.uint8]:
+        """Red, green, blue (H, W, 3)."""
+        return self._picture.colour
+
+    @property
+    def depth_frame(self) -> NDArray[np.float32] | None:
+        """Metres along the camera's axis (H, W), where `renderDepthImage` is on."""
+        return self._picture.depth if self._depth else None
+
+    @cached_property
+    def instance_masks(self) -> dict[str, NDArray[np.bool_]]:
+        """Pixels (H, W) of every thing in the picture by its objectId, where segmentation is on."""
+        if not self._masks:
+            return {}
+        things = self._picture.things
+        return {self._ids[i]: things == i for i in np.unique(things).tolist() if i >= 0}
+
+    @cached_property
+    def instance_detections2D(self) -> dict[str, tuple[int, int, int, int]] | None:
+        """First and last column and row of every thing in the picture: x1, y1, x2, y2, all inclusive."""
+        if not self._masks:
+            return None
+        found = enumerate(find_objects(self._picture.things + 1))
+        return {
+            self._ids[i]: (columns.start, rows.start, columns.stop - 1, rows.stop - 1)
+            for i, (rows, columns) in ((i, spans) for i, spans in found if spans is not None)
+        }
+
+
+class _FailedError(Exception):
+    """Raised inside an action that changes nothing, with THOR's `errorMessage`."""
+
+
+class StandIn:
+    """One agent in one room at a time.
+
+    Attributes:
+        last_event: what the last action gave.
+        scene: the name of the room, as THOR spells it.
+    """
+
+    def __init__(
+        self, *, scene: str = SCENES[0], width: int = 300, height: int = 300, **initialize: Any
+    ) -> None:
+        """Open a scene.
+
+        Args:
+            scene: FloorPlan1 and so on.
+            width: of pictures, in pixels.
+            height: in pixels.
+            **initialize: `fieldOfView` (vertical, degrees), `gridSize`, `renderDepthImage`,
+                `renderInstanceSegmentation`, `rotateStepDegrees` and `visibilityDistance` as THOR has them;
+                what else its player takes changes nothing here.
+
+        Raises:
+            ConfigError: there is no such scene.
+        """
+        self.width, self.height = width, height
+        self.initialization_parameters: dict[str, Any] = dict(_INITIAL)
+        self.scene = scene
+        self._filter: frozenset[str] | None = None
+        self._open = True
+        self.last_event = self.reset(scene, **initialize)
+
+    def reset(self, scene: str | None = None, **initialize: Any) -> StandInEvent:
+        """Go to a scene, None for the same again; what is set stays set until it is set otherwise.
+
+        Raises:
+            ConfigError: there is no such scene.
+            RuntimeError: it was stopped.
+        """
+        self._check_open()
+        self.width, self.height = initialize.pop("width", self.width), initialize.pop("height", self.height)
+        self.initialization_parameters.update(initialize)
+        name = (self.scene if scene is None else scene).removesuffix("_physics")
+        self._room = StandInRoom(name, float(self._set("gridSize")))
+        self.scene = f"{name}_physics"
+        self._filter = None
+        self._pose = Pose(*self._room.start, 0.0, 0.0, True)
+        self.last_event = self._event("Initialize", None, None)
+        return self.last_event
+
+    def step(self, action: str, *, raise_for_failure: bool = False, **arguments: Any) -> StandInEvent:
+        """Do an action. One that fails changes nothing and says so in its event.
+
+        Raises:
+            ValueError: there is no such action, or its arguments are not the right ones.
+            RuntimeError: it failed and was to raise then, or this was stopped.
+        """
+        self._check_open()
+        if action not in _ACTIONS:
+            raise ValueError(f"The stand-in knows no action {action}; it has {', '.join(_ACTIONS)}.")
+        bound = _ACTIONS[action].__get__(self)
+        try:
+            inspect.signature(bound).bind(**arguments)
+        except TypeError as error:
+            raise ValueError(f"{action}: {error}") from None
+        given, failure = None, None
+        try:
+            given = bound(**arguments)
+        except _FailedError as error:
+            failure = str(error)
+        self.last_event = self._event(action, given, failure)
+        if failure is not None and raise_for_failure:
+            raise RuntimeError(failure)
+        return self.last_event
+
+    def stop(self) -> None:
+        """End; nothing can be asked of it afterwards."""
+        self._open = False
+
+    def _check_open(self) -> None:
+        if not self._open:
+            raise RuntimeError("The stand-in was stopped; make another one.")
+
+    def _set(self, name: str) -> Any:
+        return self.initialization_parameters[name]
+
+    def _event(self, action: str, given: Any, failure: str | None) -> StandInEvent:
+        pose, room = self._pose, self._room
+        fov, width, height = float(self._set("fieldOfView")), self.width, self.height
+        objects = room.objects(pose, fov, width / height, float(self._set("visibilityDistance")))
+        metadata = {
+            "agent": {
+                "name": "agent",
+                "position": {"x": pose.x, "y": AGENT_Y, "z": pose.z},
+                "rotation": {"x": 0.0, "y": pose.rotation, "z": 0.0},
+                "cameraHorizon": pose.horizon,
+                "isStanding": pose.standing,
+            },
+            "objects": [o for o in objects if self._filter is None or o["objectId"] in self._filter],
+            "sceneName": self.scene,
+            "lastAction": action,
+            "lastActionSuccess": failure is None,
+            "errorMessage": failure or "",
+            "errorCode": "",
+            "actionReturn": given,
+            "cameraPosition": {"x": pose.x, "y": pose.eye, "z": pose.z},
+            "fov": fov,
+            "screenWidth": width,
+            "screenHeight": height,
+        }
+        return StandInEvent(
+            metadata,
+            room.ids,
+            lambda: room.look(pose, fov, width, height),
+            depth=bool(self._set("renderDepthImage")),
+            masks=bool(self._set("renderInstanceSegmentation")),
+        )
+
+    def _pass(self) -> None:
+        pass
+
+    def _scenes_in_build(self) -> list[str]:
+        return [f"{scene}_physics" for scene in SCENES]
+
+    def _reachable_positions(self) -> list[dict[str, float]]:
+        return [{"x": x, "y": AGENT_Y, "z": z} for x, z in self._room.reachable.tolist()]
+
+    def _set_filter(self, objectIds: Sequence[str]) -> None:
+        self._filter = frozenset(objectIds)
+
+    def _reset_filter(self) -> None:
+        self._filter = None
+
+    def _teleport_full(
+        self,
+        x: float,
+        y: float,
+        z: float,
+        rotation: float | Mapping[str, float],
+        horizon: float,
+        standing: bool,
+    ) -> None:
+        yaw = float(rotation["y"] if isinstance(rotation, Mapping) else rotation) % 360.0
+        low, high = _HORIZONS
+        if not low - _SLACK <= horizon <= high + _SLACK:
+            raise _FailedError(f"Each horizon must be in [{low:.0f}:{high:.0f}]. You gave {horizon}.")
+        if abs(y - AGENT_Y) > _LANDING:
+            raise _FailedError(f"The agent cannot stand at a height of {y} m; its y is {AGENT_Y}.")
+        if not self._room.fits((x, z), (x, z)):
+            raise _FailedError(f"Something is in the way of the agent at x {x:.2f}, z {z:.2f}.")
+        self._pose = Pose(float(x), float(z), yaw, float(horizon), bool(standing))
+
+    def _teleport(
+        self,
+        position: Mapping[str, float] | None = None,
+        rotation: float | Mapping[str, float] | None = None,
+        horizon: float | None = None,
+        standing: bool | None = None,
+    ) -> None:
+        """What is not given stays as it is."""
+        pose = self._pose
+        there = {"x": pose.x, "y": AGENT_Y, "z": pose.z} if position is None else position
+        self._teleport_full(
+            **there,
+            rotation=pose.rotation if rotation is None else rotation,
+            horizon=pose.horizon if horizon is None else horizon,
+            standing=pose.standing if standing is None else standing,
+        )
+
+    def _move(self, degrees: float, magnitude: float | None) -> None:
+        """A step that way from where the agent faces."""
+        pose = self._pose
+        length = self._set("gridSize") if magnitude is None else magnitude
+        angle = math.radians(pose.rotation + degrees)
+        # rounded, so that steps there and back lead to the same point
+        x, z = round(pose.x + length * math.sin(angle), 6), round(pose.z + length * math.cos(angle), 6)
+        if not self._room.fits((pose.x, pose.z), (x, z)):
+            raise _FailedError(f"Something is blocking the agent from moving to x {x:.2f}, z {z:.2f}.")
+        self._pose = pose._replace(x=x, z=z)
+
+    def _ahead(self, moveMagnitude: float | None = None) -> None:
+        self._move(0.0, moveMagnitude)
+
+    def _right(self, moveMagnitude: float | None = None) -> None:
+        self._move(90.0, moveMagnitude)
+
+    def _back(self, moveMagnitude: float | None = None) -> None:
+        self._move(180.0, moveMagnitude)
+
+    def _left(self, moveMagnitude: float | None = None) -> None:
+        self._move(270.0, moveMagnitude)
+
+    def _rotate_right(self, degrees: float | None = None) -> None:
+        by = self._set("rotateStepDegrees") if degrees is None else degrees
+        self._pose = self._pose._replace(rotation=(self._pose.rotation + by) % 360.0)
+
+    def _rotate_left(self, degrees: float | None = None) -> None:
+        by = self._set("rotateStepDegrees") if degrees is None else degrees
+        self._rotate_right(-by)
+
+    def _look_down(self, degrees: float = 30.0) -> None:
+        self._teleport(horizon=self._pose.horizon + degrees)
+
+    def _look_up(self, degrees: float = 30.0) -> None:
+        self._look_down(-degrees)
+
+
+_ACTIONS: Mapping[str, Callable[..., Any]] = {
+    "GetReachablePositions": StandIn._reachable_positions,
+    "GetScenesInBuild": StandIn._scenes_in_build,
+    "LookDown": StandIn._look_down,
+    "LookUp": StandIn._look_up,
+    "MoveAhead": StandIn._ahead,
+    "MoveBack": StandIn._back,
+    "MoveLeft": StandIn._left,
+    "MoveRight": StandIn._right,
+    "Pass": StandIn._pass,
+    "ResetObjectFilter": StandIn._reset_filter,
+    "RotateLeft": StandIn._rotate_left,
+    "RotateRight": StandIn._rotate_right,
+    "SetObjectFilter": StandIn._set_filter,
+    "Teleport": StandIn._teleport,
+    "TeleportFull": StandIn._teleport_full,
+}
+"""What each action does; its parameters are THOR's, and what it returns is the event's `actionReturn`."""

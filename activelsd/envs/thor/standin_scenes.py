@@ -1,0 +1,190 @@
+"""What stands in the room that stands in for a scene: furniture, things of THOR's classes, look-alikes.
+
+A scene's name fixes all of it. No two scenes have a thing in common, so that a class has to be recognised in
+things that were not seen in training.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+
+from activelsd.envs.rooms import household
+from activelsd.envs.rooms.fittings import Fitted
+from activelsd.envs.rooms.household import household_thing
+from activelsd.envs.rooms.lattice import draw_lattice
+from activelsd.envs.rooms.layout import FLOOR, Room, furnish, set_down, set_out
+from activelsd.envs.rooms.models import Model
+from activelsd.envs.rooms.smallthings import small_thing
+from activelsd.envs.thor.scenes import ROOM_TYPES, place_of
+from activelsd.errors import DataError
+
+RADIUS = 0.2
+"""Metres of the agent, seen from above."""
+
+_GRID = 0.25  # metres
+_POINTS = (40, 120)  # of the grid where the agent can stand
+
+
+class _Furnishing(NamedTuple):
+    """What rooms of a type are like."""
+
+    needed: tuple[str, ...]  # furniture that is in all of them
+    others: tuple[str, ...]  # and that is in some
+    pieces: tuple[int, int]  # least and most
+    sides: tuple[float, float]  # metres
+    always: tuple[str, ...]  # classes that stand in all of them
+    at_times: tuple[str, ...]  # and in about every other
+
+
+_FURNISHINGS = {
+    "kitchen": _Furnishing(
+        ("counter", "fridge", "stove", "table"),
+        ("counter", "chair", "chair", "night_stand", "bookshelf", "dresser"),
+        (6, 8),
+        (3.5, 4.6),
+        ("Apple", "Bowl", "Toaster", "SoapBottle", "GarbageCan", "HousePlant", "Box", "Book"),
+        ("Toaster", "Apple", "AlarmClock", "Candle", "Laptop", "Television"),
+    ),
+    "living_room": _Furnishing(
+        ("sofa", "coffee_table", "tv_stand"),
+        ("armchair", "bookshelf", "desk", "floor_lamp", "mantel", "table", "piano", "dresser"),
+        (6, 9),
+        (3.8, 5.0),
+        ("Television", "Laptop", "Book", "Box", "Candle", "HousePlant", "Bowl", "GarbageCan"),
+        ("Apple", "AlarmClock", "Toaster", "SoapBottle", "Apple", "Toaster"),
+    ),
+    "bedroom": _Furnishing(
+        ("bed", "night_stand", "dresser"),
+        ("night_stand", "desk", "chair", "wardrobe", "bookshelf", "armchair", "tv_stand", "bench"),
+        (6, 8),
+        (3.6, 4.6),
+        ("AlarmClock", "Laptop", "Book", "Box", "Television", "Candle", "GarbageCan", "HousePlant"),
+        ("Apple", "Bowl", "Toaster", "SoapBottle", "AlarmClock", "Toaster"),
+    ),
+    "bathroom": _Furnishing(
+        ("basin", "toilet", "bathtub"),
+        ("dresser", "bookshelf", "bench", "night_stand", "chair"),
+        (5, 6),
+        (3.2, 4.0),
+        ("SoapBottle", "Candle", "GarbageCan", "HousePlant", "AlarmClock", "Box", "Bowl", "Book"),
+        ("Apple", "Toaster", "Laptop", "Television", "SoapBottle", "Apple"),
+    ),
+}
+
+_KINDS = {
+    "AlarmClock": ("alarm_clock",),
+    "Apple": ("apple",),
+    "Book": ("lying_book", "book"),
+    "Bowl": ("bowl", "dish", "dish"),
+    "Box": ("cardboard_box",),
+    "Candle": ("candle",),
+    "GarbageCan": ("garbage_can",),
+    "HousePlant": ("house_plant", "house_plant", "tall_plant"),
+    "Laptop": ("laptop", "notebook", "notebook"),
+    "SoapBottle": ("soap_bottle",),
+    "Television": ("television",),
+    "Toaster": ("toaster",),
+}
+"""Of each class what kinds of things it is drawn from."""
+
+_CLUTTER = (
+    "ball", "bottle", "can", "cup", "loudspeaker", "microwave", "picture_frame", "planter", "radio",
+    "tall_planter", "tin", "tissue_box", "vase",
+)  # fmt: skip
+_CLUTTERED = (4, 7)  # least and most of these in a room
+
+_ON_FLOOR = frozenset({"garbage_can", "tall_plant", "tall_planter"})
+_LARGE = frozenset({"microwave", "television"})
+_BOARDS = (
+    "basin", "bench", "coffee_table", "counter", "desk", "dresser", "mantel", "night_stand", "piano",
+    "stove", "table", "tv_stand",
+)  # fmt: skip
+"""What large things are put on, their fronts to the room."""
+
+_TYPES = {
+    "armchair": "ArmChair",
+    "bookshelf": "ShelvingUnit",
+    "counter": "CounterTop",
+    "mantel": "Fireplace",
+    "night_stand": "SideTable",
+    "planter": "Pot",
+    "stove": "Oven",
+    "table": "DiningTable",
+    "tall_planter": "Pot",
+    "tv_stand": "TVStand",
+}
+"""THOR's names where they are not the kind's."""
+
+
+def object_type(kind: str) -> str:
+    """What THOR calls things of a kind, of a class or not."""
+    for name, kinds in _KINDS.items():
+        if kind in kinds:
+            return name
+    return _TYPES.get(kind) or "".join(word.capitalize() for word in kind.split("_"))
+
+
+def furnished(scene: str) -> Room:
+    """The room that stands in for a scene, the same whenever it is asked for.
+
+    Raises:
+        ConfigError: there is no such scene.
+    """
+    room_type, number = place_of(scene)
+    index = 100 * ROOM_TYPES.index(room_type) + number
+    style = _FURNISHINGS[room_type]
+    things = _things(style, index)
+    for attempt in itertools.count():
+        room = _attempt(style, things, (index, attempt))
+        if room is not None:
+            return room
+    raise AssertionError
+
+
+def _things(style: _Furnishing, index: int) -> list[Model]:
+    """The things of the classes, then the others; the numbers that a scene draws from are its own."""
+    rng = np.random.default_rng(index)
+    names = [*style.always, *(name for name in style.at_times if rng.random() < 0.5)]
+    kinds = [str(rng.choice(_KINDS[name])) for name in names]
+    clutter = rng.permutation(_CLUTTER)[: int(rng.integers(_CLUTTERED[0], _CLUTTERED[1] + 1))]
+    # small things come in families of four that share all but a label: so no two of a family
+    return [
+        _thing(str(kind), 4 * (32 * index + i) + int(rng.integers(4)))
+        for i, kind in enumerate([*kinds, *clutter])
+    ]
+
+
+def _thing(kind: str, number: int) -> Model:
+    return household_thing(kind, number) if kind in household.KINDS else small_thing(kind, number)
+
+
+def _attempt(style: _Furnishing, things: list[Model], seed: tuple[int, int]) -> Room | None:
+    """The room of a seed, None where something has no place or the agent too little or too much."""
+    rng = np.random.default_rng(seed)
+    width, depth = (float(side) for side in rng.uniform(*style.sides, 2))
+    pieces = int(rng.integers(style.pieces[0], style.pieces[1] + 1))
+    others = rng.permutation(style.others)[: pieces - len(style.needed)].tolist()
+    kinds = [*style.needed, *others]
+    large = [thing for thing in things if thing.kind in _LARGE]
+    standing = [thing for thing in things if thing.kind in _ON_FLOOR]
+    small = [thing for thing in things if thing.kind not in _LARGE | _ON_FLOOR]
+    try:
+        room = furnish(Fitted(), seed, pieces=len(kinds), size=(width, depth), kinds=kinds)
+        if sorted(piece.model.kind for piece in room.things) != sorted(kinds):
+            return None  # one of something did not fit, and another stands there twice
+        room = set_out(room, large, seed, on=_BOARDS, turned=20.0, laid=0.0)
+        if any(thing.on == FLOOR for thing in room.things[room.furniture :]):
+            return None
+        room = set_out(set_down(room, standing, seed), sorted(small, key=_spread), seed, laid=0.0)
+    except DataError:
+        return None
+    points = len(draw_lattice(room, step=_GRID, radius=RADIUS).points)
+    return room if _POINTS[0] <= points <= _POINTS[1] else None
+
+
+def _spread(thing: Model) -> float:
+    """What is larger is put out first."""
+    return -thing.size[0] * thing.size[1]
