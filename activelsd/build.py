@@ -9,8 +9,16 @@ from typing import Any, NamedTuple
 
 import torch
 
-from activelsd.config import AVDSettings, ModelNetSettings, PolicySettings, RulesSettings, RunConfig, World
-from activelsd.envs.avd.env import avd_graph, backend_of
+from activelsd.config import (
+    AVDSettings,
+    ModelNetSettings,
+    PolicySettings,
+    RulesSettings,
+    RunConfig,
+    THORSettings,
+    World,
+)
+from activelsd.envs.avd.env import SAMPLE, avd_graph, backend_of
 from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.cores import cores
 from activelsd.envs.episode import PRESETS, EpisodeRules
@@ -19,6 +27,9 @@ from activelsd.envs.joint import Recording
 from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.envs.modelnet.orbit import ORBIT_MOVES, ring_table
 from activelsd.envs.modelnet.shapes import CATEGORIES
+from activelsd.envs.thor.env import thor_graph
+from activelsd.envs.thor.lattice import MOVES as THOR_MOVES
+from activelsd.envs.thor.simulators import STANDIN
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
@@ -98,6 +109,18 @@ def _avd_graph(settings: AVDSettings, progress: Progress | None) -> ViewGraph:
     return avd_graph(**_avd_options(settings), progress=progress)
 
 
+def _thor_options(settings: THORSettings) -> dict[str, Any]:
+    """As `_modelnet_options`."""
+    same = ("backend", "executable", "simulators", "classes", "size", "width", "height", "field_of_view")
+    options = {name: getattr(settings, name) for name in (*same, "step", "horizons", "navigate")}
+    cache = None if settings.cache is None else str(settings.cache)
+    return options | settings.scenes.model_dump() | settings.starts.model_dump() | {"cache": cache}
+
+
+def _thor_graph(settings: THORSettings, progress: Progress | None) -> ViewGraph:
+    return thor_graph(**_thor_options(settings), progress=progress)
+
+
 WORLDS: dict[str, WorldKind] = {
     "modelnet": WorldKind(
         environment="activelsd/ModelNet-v0",
@@ -115,8 +138,19 @@ WORLDS: dict[str, WorldKind] = {
         backend=lambda settings: backend_of(settings.dataset.path),
         options=_avd_options,
     ),
+    "thor": WorldKind(
+        environment="activelsd/THOR-v0",
+        moves=THOR_MOVES,
+        datasets="rooms of AI2-THOR, or of its stand-in by env.backend=standin",
+        graph=_thor_graph,
+        backend=lambda settings: settings.backend,
+        options=lambda settings: _thor_options(settings) | {"live": settings.live},
+    ),
 }
 """Every world, by the name its settings have."""
+
+STAND_INS = frozenset({SAMPLE, STANDIN})
+"""Backends that make pictures in the place of what a world is named after."""
 
 
 def build_graph(settings: World, progress: Progress | None = None) -> ViewGraph:

@@ -146,7 +146,77 @@ class AVDSettings(Section):
     rules: RulesSettings = Field(RulesSettings(), description="rewards and ends")
 
 
-World = Annotated[ModelNetSettings | AVDSettings, Field(discriminator="name")]
+class ScenesSettings(Section):
+    """Which simulated rooms there are: of each type AI2-THOR has 20 to train in, 5 for val, 5 to test in."""
+
+    rooms: tuple[Literal["kitchen", "living_room", "bedroom", "bathroom"], ...] = Field(
+        ("kitchen", "living_room", "bedroom", "bathroom"), min_length=1, description="types of rooms"
+    )
+    train: int = Field(5, ge=1, le=20, description="scenes of each type to train in")
+    val: int = Field(1, ge=1, le=5, description="scenes of each type to validate in")
+    test: int = Field(2, ge=1, le=5, description="scenes of each type to test in")
+
+
+class SightsSettings(Section):
+    """Where episodes begin."""
+
+    min_pixels: float = Field(
+        0.002, ge=0, le=1, description="least share of the frame that shows the target there"
+    )
+    shown_well: bool = Field(False, description="also where the target is shown well already")
+    max_difficulty: int = Field(3, ge=1, le=3, description="1 easy, 2 moderate, 3 hard")
+    per_target: int | None = Field(
+        20, ge=1, description="most starts of each target that validates or tests; null: all"
+    )
+
+
+class THORSettings(Section):
+    """Simulated rooms: AI2-THOR, or a stand-in for it."""
+
+    name: Literal["thor"] = Field("thor", description="the world")
+    backend: Literal["ai2thor", "standin"] = Field(
+        "ai2thor", description="what makes the pictures; standin: furnished rooms rendered here"
+    )
+    executable: str | None = Field(None, description="AI2-THOR's player; null: the build its client has")
+    live: bool = Field(
+        False, description="ga3c: agents walk the simulator itself; else all train on recordings of it"
+    )
+    simulators: int | None = Field(
+        None, ge=1, description="how many record; null: one AI2-THOR, or as many stand-ins as cores"
+    )
+    scenes: ScenesSettings = Field(ScenesSettings(), description="the rooms")
+    classes: tuple[str, ...] = Field(
+        (
+            *("AlarmClock", "Apple", "Book", "Bowl", "Box", "Candle", "GarbageCan", "HousePlant", "Laptop"),
+            *("SoapBottle", "Television", "Toaster"),
+        ),
+        min_length=2,
+        description="types of objects to name",
+    )
+    size: int = Field(64, ge=32, le=512, description="side of frames and crops in pixels")
+    width: int = Field(300, ge=64, le=1920, description="of the simulator's pictures, in pixels")
+    height: int = Field(300, ge=64, le=1920, description="of the simulator's pictures, in pixels")
+    field_of_view: float = Field(90.0, ge=20, le=150, description="degrees from top to bottom")
+    step: float = Field(0.25, ge=0.05, le=1, description="metres between places")
+    horizons: tuple[Annotated[float, Field(ge=-30, le=60)], ...] = Field(
+        (-30.0, 0.0, 30.0), min_length=1, description="degrees down that the agent can look"
+    )
+    navigate: tuple[str, ...] = Field(
+        (
+            *("forward", "backward", "left", "right", "rotate_cw", "rotate_ccw"),
+            *("look_up", "look_down"),
+        ),
+        min_length=1,
+        description="moves, by name",
+    )
+    starts: SightsSettings = Field(SightsSettings(), description="where episodes begin")
+    cache: Place | None = Field(
+        None, description="folder of recordings; null: $ACTIVELSD_CACHE or ~/.cache/activelsd"
+    )
+    rules: RulesSettings = Field(RulesSettings(), description="rewards and ends")
+
+
+World = Annotated[ModelNetSettings | AVDSettings | THORSettings, Field(discriminator="name")]
 """A world's settings, told apart by its name."""
 
 JOINT: Final = "joint"

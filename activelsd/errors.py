@@ -34,6 +34,10 @@ class TrainingError(ActiveLSDError):
     """Raised when training cannot go on, for example because the loss is no longer finite."""
 
 
+class SimulatorLost(ActiveLSDError):
+    """Raised when a simulator crashed, hangs or answers nonsense: the episode it was in cannot go on."""
+
+
 def did_you_mean(word: str, known: Iterable[str], otherwise: str | None = None) -> str:
     """The end of a sentence about an unknown word: the nearest right one, else `otherwise` or them all."""
     names = list(known)

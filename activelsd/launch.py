@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from activelsd.build import (
+    STAND_INS,
     build_actors,
     build_backend,
     build_device,
@@ -98,9 +99,7 @@ def resumed_config(folder: Path, words: Sequence[str]) -> RunConfig:
 
 
 def _train(config: RunConfig, run: Run, worlds: Sequence[Recording], device: str, group: Group) -> Path:
-    stand_ins = [
-        world.backend for world in worlds if world.backend not in [one.name for one in config.worlds.values()]
-    ]
+    stand_ins = [world.backend for world in worlds if world.backend in STAND_INS]
     if group.rank == 0:
         notice(f"Training {run.folder}" + "".join(f" on {backend}, a stand-in" for backend in stand_ins))
     resuming = _has_checkpoint(run)

@@ -12,3 +12,8 @@ gymnasium.register(
     entry_point="activelsd.envs.avd.env:AVDEnv",
     vector_entry_point="activelsd.envs.avd.env:make_vector",
 )
+gymnasium.register(
+    "activelsd/THOR-v0",
+    entry_point="activelsd.envs.thor.env:THOREnv",
+    vector_entry_point="activelsd.envs.thor.env:make_vector",
+)

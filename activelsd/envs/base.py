@@ -43,7 +43,8 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
 
     Info: `views` seen so far, `moved` (the last action changed the view), `action_mask` bool (n,), and of
     the episode `episode_id` (give it to `reset(options={"episode": id})` to replay), `scene`, `target`,
-    `label`, `start`, `split` and, where known, `oracle_views`; `backend` names what made the pictures.
+    `label`, `start`, `split` and, where known, `oracle_views`; `backend` names what made the pictures. A
+    world whose simulator fails truncates the episode and says why in `cut`; nothing is to be learned of it.
 
     A backend implements:
         draw_episode: what to ask, from `self.np_random`; it puts the agent at the start.

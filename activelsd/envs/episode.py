@@ -26,7 +26,7 @@ class Episode:
     """What is being asked, and from where; `id` replays it exactly.
 
     `oracle_views` is the fewest views until one shows the target well, -1 where none can be reached, and None
-    where nobody knows.
+    where nobody knows. `difficulty` is of the first view, where somebody graded it.
     """
 
     id: str
@@ -36,6 +36,7 @@ class Episode:
     start: str
     split: str
     oracle_views: int | None = None
+    difficulty: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

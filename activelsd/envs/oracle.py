@@ -16,14 +16,15 @@ BORDER = 1e-6
 def shows_well(graph: ViewGraph) -> NDArray[np.bool_]:
     """bool (P,): the boxes that show their target well.
 
-    That is off the frame's border, and of at least half the area of the target's largest box that is.
+    That is off the frame's border, and at least half as large as the target is anywhere off it: by the pixels
+    that show it, where they are known, else by the box's area.
     """
     assert graph.pair_of is not None
     assert graph.boxes is not None
     centre, extent = graph.boxes[:, :2].astype(np.float64), graph.boxes[:, 2:].astype(np.float64)
     low, high = centre - extent / 2, centre + extent / 2
     inside = np.all((low > BORDER) & (high < 1 - BORDER), axis=1)
-    area = np.where(inside, extent.prod(1), 0.0)
+    area = np.where(inside, extent.prod(1) if graph.pixels is None else graph.pixels, 0.0)
     view, target = np.nonzero(graph.pair_of >= 0)
     pair = graph.pair_of[view, target]
     best = np.zeros(len(graph.targets))

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,10 @@ class ViewGraph:
     boxes: NDArray[np.float32] | None = None  # (P, 4) cx, cy, w, h as fractions of the frame
     crops: NDArray[np.uint8] | None = None  # (P, S, S) each box cut from the full-resolution picture
     difficulty: NDArray[np.uint8] | None = None  # (P,) of boxes as annotated, 1 is easiest
-    # (V, 3) where the camera is and looks: metres x and z, degrees from z towards x; NaN where unknown
+    difficulty_names: tuple[str, ...] | None = None  # of 1, 2, …; None: they are called by their numbers
+    pixels: NDArray[np.float32] | None = None  # (P,) of the frame, the share that shows the target itself
+    # (V, 3) where the camera is and looks: metres x and z, degrees from z towards x; NaN where unknown. Of a
+    # simulated room (V, 5): then metres y of the agent, and degrees that it looks down
     poses: NDArray[np.float32] | None = None
     # (E,) fewest views until one shows the target well, -1 where none can be reached
     oracle_views: NDArray[np.int32] | None = None
@@ -55,6 +59,12 @@ class ViewGraph:
     def size(self) -> int:
         """Side of the frames in pixels."""
         return int(self.frames.shape[1])
+
+    def with_moves(self, names: Sequence[str]) -> ViewGraph:
+        """The graph with these of its moves, in this order."""
+        columns = [self.move_names.index(name) for name in names]
+        moves = np.ascontiguousarray(self.moves[:, columns])
+        return replace(self, moves=moves, move_names=tuple(names))
 
     def starts(self, split: str) -> NDArray[np.int64]:
         """Rows of the places to start from in a split.
@@ -82,7 +92,15 @@ class ViewGraph:
             start=start,
             split=split,
             oracle_views=None if self.oracle_views is None else int(self.oracle_views[row]),
+            difficulty=self._difficulty(view, target),
         )
+
+    def _difficulty(self, view: int, target: int) -> str | None:
+        pair = -1 if self.pair_of is None else int(self.pair_of[view, target])
+        if self.difficulty is None or pair < 0:
+            return None
+        number = int(self.difficulty[pair])
+        return str(number) if self.difficulty_names is None else self.difficulty_names[number - 1]
 
     def find(self, episode_id: str) -> int:
         """The row of the starts that an episode's id names.
@@ -114,6 +132,51 @@ class ViewGraph:
             raise DataError("This recording has no crops; turn `crops` off or record it with them.")
         pair = self.pair_of[view, target]
         return self.crops[pair] if pair >= 0 else np.zeros_like(self.frames[0])
+
+
+def join(graphs: Sequence[ViewGraph]) -> ViewGraph:
+    """One graph of several with the same moves, classes and fields, and with targets in boxes."""
+    first, targets = graphs[0], sum(len(one.targets) for one in graphs)
+    renumbered = []
+    view = target = pair = scene = 0
+    for one in graphs:
+        assert (one.move_names, one.classes) == (first.move_names, first.classes)
+        assert one.pair_of is not None
+        assert one.boxes is not None
+        pair_of = np.full((len(one.frames), targets), -1, np.int32)
+        pair_of[:, target : target + len(one.targets)] = _from(one.pair_of, pair)
+        renumbered.append(
+            replace(
+                one,
+                moves=_from(one.moves, view),
+                pair_of=pair_of,
+                scene_of=one.scene_of + np.int32(scene),
+                start_view=one.start_view + np.int32(view),
+                start_target=one.start_target + np.int32(target),
+            )
+        )
+        view, target = view + len(one.frames), target + len(one.targets)
+        pair, scene = pair + len(one.boxes), scene + len(one.scenes)
+    shared = ("move_names", "classes", "difficulty_names")
+    joined = {
+        field.name: _joined([getattr(one, field.name) for one in renumbered])
+        for field in fields(first)
+        if field.name not in shared
+    }
+    return ViewGraph(**joined, **{name: getattr(first, name) for name in shared})
+
+
+def _from(numbers: NDArray[np.int32], first: int) -> NDArray[np.int32]:
+    """Numbers that count from another first; -1, none, stays."""
+    moved: NDArray[np.int32] = np.where(numbers >= 0, numbers + np.int32(first), np.int32(-1))
+    return moved
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    """Tuples or arrays one after another; None where there is nothing."""
+    if parts[0] is None:
+        return None
+    return tuple(chain.from_iterable(parts)) if isinstance(parts[0], tuple) else np.concatenate(parts)
 
 
 def save_graph(graph: ViewGraph, path: Path, key: Mapping[str, Any]) -> None:

@@ -19,9 +19,11 @@ from activelsd.evaluate.metrics import (
     Scores,
     by_allowed,
     by_class,
+    by_difficulty,
     by_views,
     gain_closed,
     intervals,
+    path_lengths,
     score,
 )
 from activelsd.evaluate.players import Trained
@@ -65,6 +67,8 @@ class Standing:
         steps: steps-to-recognise over all episodes; a wrong answer counts T.
         views_right: views seen, over the episodes answered right; None where there is none.
         forced: fraction of answers given where no move was legal.
+        spl: see `metrics.path_lengths`; None where nobody knows the oracle's views.
+        difficulties: episodes by the difficulty of their first view, where it is graded.
         classes: episodes by label.
         seen: episodes by views seen, 1 … T (the paper's Table 3).
         allowed: the same episodes had only 1 … T views been allowed.
@@ -80,6 +84,8 @@ class Standing:
     steps: Interval
     views_right: float | None
     forced: float
+    spl: Interval | None
+    difficulties: list[Group]
     classes: list[Group]
     seen: list[Group]
     allowed: list[Group]
@@ -243,7 +249,10 @@ def assemble(
         per_object=per_object,
         seed=seed,
         objects=int(scores[reference].objects.max()) + 1,
-        players=[_standing(some, scores[name], max_views[name], seed) for name, some in rows.items()],
+        players=[
+            _standing(some, scores[name], max_views[name], seed, graph.difficulty_names)
+            for name, some in rows.items()
+        ],
         paired=[
             _difference(name, one, reference, scores[reference], seed)
             for name, one in scores.items()
@@ -255,7 +264,13 @@ def assemble(
     )
 
 
-def _standing(rows: list[EpisodeRow], scores: Scores, max_views: int, seed: int) -> Standing:
+def _standing(
+    rows: list[EpisodeRow],
+    scores: Scores,
+    max_views: int,
+    seed: int,
+    difficulties: tuple[str, ...] | None,
+) -> Standing:
     accuracy, views, steps = intervals(scores.values, scores.objects, seed=seed)
     return Standing(
         name=rows[0].player,
@@ -268,6 +283,8 @@ def _standing(rows: list[EpisodeRow], scores: Scores, max_views: int, seed: int)
         steps=steps,
         views_right=float(scores.views[scores.right].mean()) if scores.right.any() else None,
         forced=float(np.mean([row.forced for row in rows])),
+        spl=path_lengths(rows, seed=seed),
+        difficulties=by_difficulty(rows, difficulties),
         classes=by_class(rows),
         seen=by_views(rows, max_views),
         allowed=by_allowed(rows, max_views),

@@ -70,6 +70,7 @@ def as_csv(comparison: Comparison) -> str:
     ends = ("", "_low", "_high")
     head = ["name", "world", "backend", "split", "episodes"]
     head += [name + end for name in MEASURES for end in ends] + ["views_right", "forced"]
+    head += [f"spl{end}" for end in ends]
     head += [f"{name}_difference{end}" for name in MEASURES for end in ends]
     paired = {one.name: one for one in comparison.paired}
     text = io.StringIO()
@@ -78,7 +79,8 @@ def as_csv(comparison: Comparison) -> str:
     for one in comparison.players:
         differences = _numbers(paired[one.name]) if one.name in paired else [None] * len(MEASURES) * len(ends)
         about = [one.name, one.world, one.backend, comparison.split, one.episodes]
-        lines.writerow([*about, *_numbers(one), one.views_right, one.forced, *differences])
+        paths = one.spl or [None] * len(ends)
+        lines.writerow([*about, *_numbers(one), one.views_right, one.forced, *paths, *differences])
     return text.getvalue()
 
 
@@ -94,8 +96,11 @@ def _player(one: Standing) -> dict[str, Any]:
         **_measures(one),
         "views_right": one.views_right,
         "forced": one.forced,
+        "spl": one.spl and one.spl.mean,
+        "spl_ci": one.spl and [one.spl.low, one.spl.high],
         "max_views": one.max_views,
         "by_class": _groups("class", one.classes),
+        "by_difficulty": _groups("difficulty", one.difficulties),
         "by_views": _groups("views", one.seen),
         "by_views_allowed": _groups("views_allowed", one.allowed),
     }
@@ -119,10 +124,10 @@ def _numbers(one: Standing | Difference) -> list[float | None]:
 
 
 def _groups(by: str, groups: Sequence[Group]) -> list[dict[str, Any]]:
-    """Counts of episodes by class (a name) or by views (a number)."""
+    """Counts of episodes by class or difficulty (a name) or by views (a number)."""
     return [
         {
-            by: group.name if by == "class" else int(group.name),
+            by: int(group.name) if by.startswith("views") else group.name,
             "episodes": group.episodes,
             "right": group.right,
             "wrong": group.episodes - group.right,

@@ -110,7 +110,7 @@ def _plan(graph: ViewGraph, scene: int, path: Sequence[int]) -> Plan | None:
     if graph.poses is None or not np.isfinite(graph.poses[path]).all():
         return None
     places = graph.poses[graph.scene_of == scene][:, :2]
-    return Plan(np.unique(places[np.isfinite(places).all(1)].round(2), axis=0), graph.poses[path])
+    return Plan(np.unique(places[np.isfinite(places).all(1)].round(2), axis=0), graph.poses[path, :3])
 
 
 def _move(graph: ViewGraph, view: int, to: int) -> str:

@@ -146,6 +146,32 @@ def gain_closed(
     return Interval(float(mean[0] / mean[1]), float(low), float(high))
 
 
+def path_lengths(rows: Sequence[EpisodeRow], *, seed: int) -> Interval | None:
+    """Success weighted by path length (SPL, Anderson et al. 2018), with views for its lengths.
+
+    A right answer counts the oracle's views over those seen, at most 1; a wrong one counts 0. Episodes whose
+    target can be shown well from nowhere are left out; None where nobody knows the oracle's views.
+    """
+    known = [row for row in rows if row.oracle_views is not None and row.oracle_views > 0]
+    if not known:
+        return None
+    shares = [row.right * (row.oracle_views or 0) / max(row.views, row.oracle_views or 0) for row in known]
+    _, objects = np.unique([row.target for row in known], return_inverse=True)
+    return intervals(np.array(shares)[:, None], objects, seed=seed)[0]
+
+
+def by_difficulty(rows: Sequence[EpisodeRow], names: Sequence[str] | None = None) -> list[Group]:
+    """Episodes by the difficulty of their first view, easiest first; none where it is not graded.
+
+    Args:
+        rows: of one player.
+        names: of the difficulties in their order; None where they are numbers.
+    """
+    found = {row.difficulty for row in rows if row.difficulty is not None}
+    order = sorted(found) if names is None else [name for name in names if name in found]
+    return _groups({name: [row for row in rows if row.difficulty == name] for name in order})
+
+
 def by_class(rows: Sequence[EpisodeRow]) -> list[Group]:
     """Episodes by label, in order of name."""
     names = sorted({row.label for row in rows})

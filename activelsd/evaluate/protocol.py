@@ -80,6 +80,9 @@ class EpisodeRow:
         answer: the class named.
         right: whether it is the label.
         forced: it was named where no move was legal.
+        oracle_views: fewest views until one shows the target well, -1 where none can be reached; None where
+            nobody knows.
+        difficulty: of the first view, where it is graded.
         path: name of every view seen, in order.
         answers: per view seen, the class it would have named were no more allowed; the last is `answer`.
     """
@@ -95,6 +98,8 @@ class EpisodeRow:
     answer: str
     right: bool
     forced: bool
+    oracle_views: int | None
+    difficulty: str | None
     path: tuple[str, ...]
     answers: tuple[str, ...]
 
@@ -226,6 +231,8 @@ def _row(
         answer=graph.classes[answer],
         right=answer == episode.label,
         forced=forced,
+        oracle_views=episode.oracle_views,
+        difficulty=episode.difficulty,
         path=tuple(graph.view_names[view] for view, _ in looks),
         answers=tuple(graph.classes[named] for _, named in looks),
     )

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from activelsd.evaluate.compare import Comparison, Difference, Standing
+from activelsd.evaluate.metrics import Group as Episodes
 from activelsd.evaluate.metrics import Interval
 
 if TYPE_CHECKING:
-    from rich.console import Group
+    from rich.console import Group, RenderableType
 
 WIDTH = 80
 VERSUS = "  vs "
@@ -34,7 +35,34 @@ def render(comparison: Comparison, width: int = WIDTH) -> Group:
         table.add_column(head, no_wrap=True)
     for name, cells, style in lines:
         table.add_row(Text(_short(name, room)), *(Text(cell) for cell in cells), style=style)
-    return Group(table, *(Text(line) for line in notes(comparison)))
+    return Group(table, *_more(comparison), *(Text(line) for line in notes(comparison)))
+
+
+def _more(comparison: Comparison) -> Iterator[RenderableType]:
+    """A second table where first views are graded or the oracle's way is known: a line a player."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    reference = comparison.reference
+    if not reference.difficulties and reference.spl is None:
+        return
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column("By difficulty of the start" if reference.difficulties else "Player", no_wrap=True)
+    for group in reference.difficulties:
+        table.add_column(f"{group.name}, {group.episodes}", no_wrap=True)
+    if reference.spl is not None:
+        table.add_column("SPL", no_wrap=True)
+    for one in comparison.players:
+        cells = [f"{_percent(group)} / {group.views:.2f}" for group in one.difficulties]
+        cells += [] if one.spl is None else [_cell(one.spl, 2, "")]
+        table.add_row(Text(one.name), *map(Text, cells), style="bold" if one is reference else "")
+    yield Text("")
+    yield table
+
+
+def _percent(group: Episodes) -> str:
+    return f"{100 * group.right / group.episodes:.1f}"
 
 
 def text(comparison: Comparison, width: int = WIDTH) -> str:
@@ -58,6 +86,10 @@ def notes(comparison: Comparison) -> Iterator[str]:
         "[ ] are 95 % intervals over objects; differences are paired. Steps: views seen, "
         f"a wrong answer counts {reference.max_views}."
     )
+    if reference.difficulties:
+        yield "By difficulty: number of episodes; accuracy in % / views seen."
+    if reference.spl is not None:
+        yield "SPL: a right answer counts the oracle's views over those seen, at most 1; a wrong one 0."
     if comparison.gain_closed is not None:
         mean, low, high = (100 * x for x in comparison.gain_closed)
         yield (

@@ -94,6 +94,8 @@ def test_every_figure_comes_out_of_the_episodes(comparison: Comparison, folder: 
         "answer",
         "right",
         "forced",
+        "oracle_views",
+        "difficulty",
     ]
     assert list(rows[0]) == [*names, "path", "answers"]
     read = json.loads((folder / "comparison.json").read_text())

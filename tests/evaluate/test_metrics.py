@@ -10,9 +10,11 @@ from activelsd.evaluate.metrics import (
     Group,
     by_allowed,
     by_class,
+    by_difficulty,
     by_views,
     gain_closed,
     intervals,
+    path_lengths,
     resampled_means,
     score,
 )
@@ -132,3 +134,31 @@ def test_gain_closed() -> None:
     assert gain_closed(ceiling, floor, ceiling, objects, seed=0) == pytest.approx((1.0, 1.0, 1.0))
     assert gain_closed(ceiling, floor, objects < 51, objects, seed=0) is None
     assert gain_closed(ceiling, ceiling, floor, objects, seed=0) is None
+
+
+def test_path_lengths_by_hand() -> None:
+    rows = [
+        row(views=1, oracle_views=3, answers=("cup",)),  # right before the oracle is there: 1
+        row(views=4, oracle_views=2, answers=("x",) * 4),  # twice as long: 1/2
+        row(target="door/01", views=2, oracle_views=2, right=False, answers=("x", "x")),  # wrong: 0
+        row(target="door/01", views=2, oracle_views=-1, answers=("x", "x")),  # no way there: left out
+    ]
+    spl = path_lengths(rows, seed=0)
+    assert spl is not None
+    assert spl.mean == pytest.approx((1 + 0.5 + 0) / 3)
+    assert (spl.low, spl.high) == (0, 0.75)
+    assert path_lengths(ROWS, seed=0) is None
+    assert path_lengths(rows[3:], seed=0) is None
+
+
+def test_difficulties_stand_in_their_order() -> None:
+    rows = [row(difficulty=name) for name in ("hard", "easy", "hard")]
+    rows += [row(difficulty="moderate", right=False, views=3), row(difficulty=None)]
+    names = ("easy", "moderate", "hard")
+    assert by_difficulty(rows, names) == [
+        Group("easy", 1, 1, 2.0),
+        Group("moderate", 1, 0, 3.0),
+        Group("hard", 2, 2, 2.0),
+    ]
+    assert [group.name for group in by_difficulty([row(difficulty="3"), row(difficulty="1")])] == ["1", "3"]
+    assert by_difficulty(ROWS) == []

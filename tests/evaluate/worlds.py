@@ -166,6 +166,8 @@ def row(**changed: object) -> EpisodeRow:
         "answer": "cup",
         "right": True,
         "forced": False,
+        "oracle_views": None,
+        "difficulty": None,
         "path": ("a0", "a1"),
         "answers": ("door", "cup"),
     }

@@ -14,11 +14,12 @@ from activelsd.envs.avd.datasets import sample_scans, scans_in
 from activelsd.envs.avd.prepare import prepare
 from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.avd.splits import HOMES, split_scans
-from activelsd.envs.avd.starts import check_starts, frozen_list, read_scores, starts, starts_by_score
+from activelsd.envs.avd.starts import read_scores, starts, starts_by_score
 from activelsd.envs.cache import default_cache
 from activelsd.envs.episode import EpisodeRules, as_rules
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.oracle import with_oracle
+from activelsd.envs.starts import check_starts, frozen_list
 from activelsd.envs.viewgraph import ViewGraph, load_graph
 from activelsd.errors import ConfigError, did_you_mean
 
@@ -118,7 +119,7 @@ def avd_graph(
     check_starts(graph)
     if per_target is not None:
         graph = frozen_list(graph, per_target)
-    graph = with_oracle(with_moves(graph, navigate))
+    graph = with_oracle(graph.with_moves(navigate))
     return by_category(graph) if task == "category" else graph
 
 
@@ -127,12 +128,6 @@ def check_moves(names: Sequence[str]) -> None:
     for name in names:
         if name not in MOVES:
             raise ConfigError(f"The AVD world has no move '{name}'; {did_you_mean(name, MOVES)}")
-
-
-def with_moves(graph: ViewGraph, names: Sequence[str]) -> ViewGraph:
-    """The graph with these of its moves, in this order."""
-    columns = [graph.move_names.index(name) for name in names]
-    return replace(graph, moves=np.ascontiguousarray(graph.moves[:, columns]), move_names=tuple(names))
 
 
 def by_category(graph: ViewGraph) -> ViewGraph:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd.envs.avd.photographs import cut_out, read_photograph, squashed
+from activelsd.envs.avd.photographs import read_photograph
 from activelsd.envs.avd.scan import (
     ANNOTATIONS,
     INSTANCES,
@@ -29,6 +29,7 @@ from activelsd.envs.avd.scan import (
 )
 from activelsd.envs.cache import CacheError, PartialGraph, cache_file, make_once
 from activelsd.envs.cores import cores
+from activelsd.envs.pictures import cut_out, squashed
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import DataError
 
@@ -105,8 +106,10 @@ def _stamp_of(files: Sequence[Path]) -> str:
 
 def _code() -> str:
     """A digest of the modules that make what is cached."""
-    package = resources.files("activelsd.envs.avd")
-    sources = (package / name for name in ("scan.py", "photographs.py", "prepare.py"))
+    package = resources.files("activelsd.envs")
+    sources = (
+        package / name for name in ("avd/scan.py", "avd/photographs.py", "avd/prepare.py", "pictures.py")
+    )
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
 
 

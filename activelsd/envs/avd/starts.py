@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from activelsd.envs.avd.splits import Split, validates
 from activelsd.envs.oracle import shows_well
+from activelsd.envs.starts import kept
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import DataError
 
@@ -60,12 +61,12 @@ def starts(
         shown &= ~np.append(shows_well(graph), False)[graph.pair_of]
     view, target = np.nonzero(shown)
     split_of = _split_of_target(graph, split)[target]
-    kept = split_of >= 0
+    tells = split_of >= 0
     return replace(
         graph,
-        start_view=view[kept].astype(np.int32),
-        start_target=target[kept].astype(np.int32),
-        start_split=split_of[kept].astype(np.uint8),
+        start_view=view[tells].astype(np.int32),
+        start_target=target[tells].astype(np.int32),
+        start_split=split_of[tells].astype(np.uint8),
     )
 
 
@@ -96,33 +97,7 @@ def starts_by_score(graph: ViewGraph, scores: Scores, threshold: float = 0.9) ->
     said = np.append(scores.right, False)[graph.pair_of]
     mixed = np.any(seen & said, axis=0) & np.any(seen & ~said, axis=0)
     unsure = np.append(scores.score < threshold, False)[pair]
-    return _kept(graph, unsure & mixed[graph.start_target])
-
-
-def frozen_list(graph: ViewGraph, per_target: int, seed: int = 0) -> ViewGraph:
-    """The graph with at most so many starts of every target that validates or tests, drawn by a seed."""
-    keep = graph.start_split == SPLITS.index("train")
-    rng = np.random.default_rng(seed)
-    for target in range(len(graph.targets)):
-        rows = np.flatnonzero((graph.start_target == target) & ~keep)
-        keep[rng.choice(rows, min(per_target, len(rows)), replace=False)] = True
-    return _kept(graph, keep)
-
-
-def _kept(graph: ViewGraph, keep: NDArray[np.bool_]) -> ViewGraph:
-    return replace(
-        graph,
-        start_view=graph.start_view[keep],
-        start_target=graph.start_target[keep],
-        start_split=graph.start_split[keep],
-    )
-
-
-def check_starts(graph: ViewGraph) -> None:
-    """Raise DataError where the filters leave nothing to train on or to test."""
-    for split in ("train", "test"):
-        if not (graph.start_split == SPLITS.index(split)).any():
-            raise DataError(f"No episode can start in the '{split}' split; ask less of env.starts.")
+    return kept(graph, unsure & mixed[graph.start_target])
 
 
 def write_scores(graph: ViewGraph, scores: Scores, file: Path) -> None:

@@ -18,13 +18,14 @@ from activelsd import cli
 from activelsd.build import build_graph
 from activelsd.compose import resolve
 from activelsd.envs.avd.categories import category_of
-from activelsd.envs.avd.env import AVDEnv, avd_graph, by_category, make_vector, with_moves
+from activelsd.envs.avd.env import AVDEnv, avd_graph, by_category, make_vector
 from activelsd.envs.avd.homes import DEFAULT_SCANS
 from activelsd.envs.avd.prepare import prepare
 from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.avd.splits import split_scans
-from activelsd.envs.avd.starts import Scores, check_starts, frozen_list, read_scores, starts, write_scores
+from activelsd.envs.avd.starts import Scores, read_scores, starts, write_scores
 from activelsd.envs.oracle import shows_well
+from activelsd.envs.starts import check_starts, frozen_list
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, load_graph
 from activelsd.errors import ConfigError, DataError
 from tests.envs.avd.homes import INSTANCES, write_homes
@@ -157,7 +158,7 @@ def test_categories_come_of_names(prepared: ViewGraph) -> None:
 
 
 def test_moves_may_be_fewer_and_in_another_order(prepared: ViewGraph) -> None:
-    graph = with_moves(prepared, ("rotate_ccw", "forward"))
+    graph = prepared.with_moves(("rotate_ccw", "forward"))
     assert graph.move_names == ("rotate_ccw", "forward")
     assert np.array_equal(graph.moves, prepared.moves[:, [5, 0]])
 

@@ -119,7 +119,7 @@ class GA3CActors:
 
     def measures(self) -> dict[str, float]:
         """Queues, batches, waiting, lag and losses of the time since the last call, as `ga3c/…`."""
-        found = {"agents_lost": 0.0, "steps_lost": 0.0} | self._gauges.read()
+        found = {"agents_lost": 0.0, "episodes_cut": 0.0, "steps_lost": 0.0} | self._gauges.read()
         found["agents"] = float(sum(agent.player is not None for agent in self._desk.agents.values()))
         found |= {"predictors": float(len(self._predictors)), "trainers": float(len(self._trainers))}
         return {f"ga3c/{name}": value for name, value in found.items()}

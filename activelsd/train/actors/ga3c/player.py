@@ -62,6 +62,7 @@ class EnvPlayer:
         for i, env in enumerate(self._envs):
             observation, info = env.reset(seed=self._seed + i)
             slots["reward"][i], slots["terminated"][i], slots["truncated"][i] = 0.0, False, False
+            slots["cut"][i] = False
             self._show(i, observation, info, first=True)
 
     def go(self) -> None:
@@ -79,6 +80,7 @@ class EnvPlayer:
         for i, env in enumerate(self._envs):
             observation, reward, terminated, truncated, info = env.step(slots["action"][i])
             slots["reward"][i], slots["terminated"][i], slots["truncated"][i] = reward, terminated, truncated
+            slots["cut"][i] = "cut" in info
             if terminated or truncated:
                 observation, info = env.reset()
             self._show(i, observation, info, first=terminated or truncated)

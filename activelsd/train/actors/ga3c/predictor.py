@@ -100,6 +100,8 @@ class Predictor(threading.Thread):
         for i, agent in enumerate(agents):
             slot = {name: array[agent.number] for name, array in desk.slots.arrays.items()}
             slot["action"][:] = actions[i]
+            if slot["cut"].any():  # what came of the last action nobody knows, so nothing is learned of it
+                desk.gauges.count(episodes_cut=int(slot["cut"].sum()), steps_lost=agent.recorder.drop())
             trajectory = agent.recorder.add(
                 slot, states[i], behaviour=behaviour[i], value=values[i], version=version
             )

@@ -24,9 +24,10 @@ STEP = {
     "first": "bool",  # what is seen is an episode's first view
     "label": "int64",  # the right class of the episode in sight
     "views": "int64",  # views seen of it
-    "reward": "float32",  # of the last action, as are the two that follow
+    "reward": "float32",  # of the last action, as are the three that follow
     "terminated": "bool",
     "truncated": "bool",
+    "cut": "bool",  # the episode ended because the world failed
     "action": "int64",  # the answer: what to do now
 }
 """Scalars of an environment's newest step, and their types."""

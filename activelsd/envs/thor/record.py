@@ -1,0 +1,220 @@
+"""Scenes into view graphs: every view of a scene's lattice taken once, its targets' boxes and crops with it.
+
+A scene is a file of its own in the cache, so what is recorded stays whatever comes after, and is shared by
+all settings that need it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activelsd.envs.episode import View
+from activelsd.envs.pictures import cut_out, squashed
+from activelsd.envs.thor.lattice import HEADINGS, MOVES, Lattice
+from activelsd.envs.thor.room import Event, Room, Scene, Sight, photograph, sight, unhindered
+from activelsd.envs.viewgraph import ViewGraph
+from activelsd.errors import DataError
+
+EASY, MODERATE, HARD = 1, 2, 3
+DIFFICULTIES = ("easy", "moderate", "hard")
+"""Of a view of a target, and what they are called."""
+
+CHECKED = 0.01
+"""Share of a recording's views that are taken a second time."""
+
+TOLERANCE = 2.0
+"""Mean difference of two pictures of one view, in gray levels, that a simulator is allowed."""
+
+_EASY, _MODERATE = 0.25, 0.05
+"""Least shares of the most pixels that a target has anywhere."""
+
+_HIDDEN = 0.25
+"""Share of a target's extent in the picture; where fewer pixels show it, it is hard."""
+
+
+class Camera:
+    """Turns what a simulator answers into what an agent sees."""
+
+    def __init__(self, size: int, field_of_view: float) -> None:
+        """For frames and crops of `size` pixels, by a camera of so many degrees from top to bottom."""
+        self.size, self.field_of_view = size, field_of_view
+
+    def view(self, event: Event, name: str) -> View:
+        """What is seen of one object, by the simulator's name of it."""
+        picture, seen = photograph(event), sight(event, name)
+        if seen is None:
+            nothing = np.zeros((self.size, self.size), np.uint8)
+            return View(squashed(picture, self.size), np.zeros(5, np.float32), nothing)
+        target = np.append(fractions([seen], picture.shape)[0], np.float32(1))
+        return View(squashed(picture, self.size), target, self.crop(picture, seen))
+
+    def crop(self, picture: NDArray[np.uint8], seen: Sight) -> NDArray[np.uint8]:
+        """uint8 (S, S) around an object, cut from a picture (H, W)."""
+        return cut_out(picture, np.array(seen.box, np.int32), self.size)
+
+
+def fractions(sights: Sequence[Sight], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """(P, 4) cx, cy, w, h of boxes as fractions of a picture of shape (H, W)."""
+    boxes = np.array([one.box for one in sights], np.float64).reshape(-1, 4)
+    whole = np.array([shape[1], shape[0]])
+    low, high = boxes[:, :2] / whole, boxes[:, 2:] / whole
+    return np.concatenate([(low + high) / 2, high - low], 1).astype(np.float32)
+
+
+def record(
+    room: Room,
+    name: str,
+    *,
+    camera: Camera,
+    classes: Sequence[str],
+    progress: Callable[[int, int], None] | None = None,
+    seed: int = 0,
+) -> ViewGraph:
+    """Walk all of a scene's lattice once.
+
+    A cell in which the agent does not land where it was sent is left out with all its views. Afterwards some
+    views are taken once more, and must look as they did.
+
+    Args:
+        room: the simulator.
+        name: of the scene.
+        camera: makes pictures of what the simulator answers.
+        classes: types of objects, in the order of their numbers.
+        progress: called with the number of views taken and of all.
+        seed: of the views that are taken twice.
+
+    Returns:
+        A graph of one scene whose targets are named `SCENE/OBJECT`; its starts are all views that show a
+        target, in no split but the first.
+
+    Raises:
+        DataError: the scene has nothing to ask for or to stand on, or looks otherwise the second time.
+    """
+    scene = room.enter(name)
+    if not scene.targets:
+        raise DataError(f"{name} has none of the objects that are asked for; leave that scene out.")
+    taken = _Taken(camera, scene)
+    kept = [taken.cell(room, cell, progress) for cell in range(len(scene.lattice.cells))]
+    lattice = scene.lattice.only(np.array(kept))
+    if not len(lattice.cells):
+        raise DataError(f"The agent lands nowhere in {name} where it is sent; leave that scene out.")
+    graph = taken.graph(lattice, classes)
+    _check(room, scene._replace(lattice=lattice), graph, camera, seed)
+    return graph
+
+
+class _Taken:
+    """What was seen of a scene so far."""
+
+    def __init__(self, camera: Camera, scene: Scene) -> None:
+        self._camera, self._scene = camera, scene
+        self._frames: list[NDArray[np.uint8]] = []
+        self._crops: list[NDArray[np.uint8]] = []
+        self._pairs: list[tuple[int, int]] = []  # view, target
+        self._sights: list[Sight] = []
+        self._shown: list[float] = []
+        self._shape: tuple[int, ...] = ()
+
+    def cell(self, room: Room, cell: int, progress: Callable[[int, int], None] | None) -> bool:
+        """Look from a cell in all directions; False, and nothing kept, where the agent lands elsewhere."""
+        lattice, camera = self._scene.lattice, self._camera
+        per_cell = HEADINGS * len(lattice.horizons)
+        marks = len(self._frames), len(self._pairs)
+        for view in range(cell * per_cell, (cell + 1) * per_cell):
+            pose = lattice.pose(view)
+            event = room.stand(pose)
+            if event is None:
+                del self._frames[marks[0] :], self._pairs[marks[1] :]
+                del self._crops[marks[1] :], self._sights[marks[1] :], self._shown[marks[1] :]
+                return False
+            picture = photograph(event)
+            self._shape = picture.shape
+            for number, target in enumerate(self._scene.targets):
+                seen = sight(event, target.id)
+                if seen is not None:
+                    self._pairs.append((len(self._frames), number))
+                    self._sights.append(seen)
+                    self._crops.append(camera.crop(picture, seen))
+                    extent = unhindered(event, target, pose, camera.field_of_view)
+                    self._shown.append(seen.pixels / max(extent, 1.0))
+            self._frames.append(squashed(picture, camera.size))
+            if progress is not None:
+                progress(view + 1, lattice.views)
+        return True
+
+    def graph(self, lattice: Lattice, classes: Sequence[str]) -> ViewGraph:
+        """All of it, on the lattice of the cells that were kept."""
+        scene, size = self._scene, self._camera.size
+        pairs = np.array(self._pairs, np.int32).reshape(-1, 2)
+        if not len(pairs):
+            raise DataError(f"No view of {scene.name} shows an object that is asked for; leave it out.")
+        pair_of = np.full((lattice.views, len(scene.targets)), -1, np.int32)
+        pair_of[tuple(pairs.T)] = np.arange(len(pairs))
+        pixels = np.array([one.pixels for one in self._sights]) / np.prod(self._shape)
+        return ViewGraph(
+            frames=np.stack(self._frames),
+            moves=lattice.moves(),
+            move_names=MOVES,
+            classes=tuple(classes),
+            targets=tuple(f"{scene.name}/{target.id}" for target in scene.targets),
+            labels=np.array([classes.index(target.kind) for target in scene.targets]),
+            scenes=(scene.name,),
+            scene_of=np.zeros(lattice.views, np.int32),
+            view_names=view_names(lattice),
+            start_view=pairs[:, 0],
+            start_target=pairs[:, 1],
+            start_split=np.zeros(len(pairs), np.uint8),
+            pair_of=pair_of,
+            boxes=fractions(self._sights, self._shape),
+            crops=np.stack(self._crops).reshape(-1, size, size),
+            difficulty_names=DIFFICULTIES,
+            difficulty=difficulties(pixels, np.array(self._shown), pairs[:, 1]),
+            pixels=pixels.astype(np.float32),
+            poses=lattice.poses(),
+        )
+
+
+def view_names(lattice: Lattice) -> tuple[str, ...]:
+    """`x_z_rotation_horizon` of every view, in cells and degrees."""
+    names = []
+    for view in range(lattice.views):
+        pose = lattice.pose(view)
+        column, row = lattice.cells[view // (HEADINGS * len(lattice.horizons))]
+        names.append(f"{column}_{row}_{pose.rotation:.0f}_{pose.horizon:.0f}")
+    return tuple(names)
+
+
+def difficulties(
+    pixels: NDArray[np.float64], shown: NDArray[np.float64], targets: NDArray[np.int32]
+) -> NDArray[np.uint8]:
+    """(P,) easy, moderate or hard.
+
+    Args:
+        pixels: (P,) that show the target.
+        shown: (P,) the same as a share of `room.unhindered`.
+        targets: (P,) number of each pair's target.
+    """
+    best = np.zeros(targets.max() + 1)
+    np.maximum.at(best, targets, pixels)
+    share = pixels / best[targets]
+    found = np.where(share >= _EASY, EASY, MODERATE)
+    found[(share < _MODERATE) | (shown < _HIDDEN)] = HARD
+    return found.astype(np.uint8)
+
+
+def _check(room: Room, scene: Scene, graph: ViewGraph, camera: Camera, seed: int) -> None:
+    """Raise DataError where views taken once more look otherwise than they are recorded."""
+    count = max(1, round(CHECKED * scene.lattice.views))
+    for view in np.random.default_rng(seed).choice(scene.lattice.views, count, replace=False).tolist():
+        event = room.stand(scene.lattice.pose(view))
+        if event is not None:
+            again = squashed(photograph(event), camera.size).astype(np.int16)
+            if np.abs(again - graph.frames[view]).mean() <= TOLERANCE:
+                continue
+        raise DataError(
+            f"View {graph.view_names[view]} of {scene.name} is not what it was when it was recorded: the"
+            " simulator's scene changes by itself; leave that scene out."
+        )

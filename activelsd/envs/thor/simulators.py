@@ -1,0 +1,79 @@
+"""The simulators behind the world: AI2-THOR by its guarded client, or furnished rooms in its stead."""
+
+from __future__ import annotations
+
+import hashlib
+from importlib import resources
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import NamedTuple
+
+from activelsd.envs.thor.room import Simulator
+from activelsd.errors import ConfigError, did_you_mean
+
+AI2THOR, STANDIN = "ai2thor", "standin"
+BACKENDS = (AI2THOR, STANDIN)
+
+_STANDIN_SOURCES = (
+    "activelsd.envs.thor",
+    "activelsd.envs.rooms",
+    "activelsd.envs.modelnet.shapes",
+)
+"""Packages on which the stand-in's pictures depend."""
+
+
+class SimulatorSettings(NamedTuple):
+    """What a simulator is started with, in values that JSON holds."""
+
+    backend: str = AI2THOR
+    executable: str | None = None  # of AI2-THOR's player; None for the build that its client downloads
+    width: int = 300  # pixels
+    height: int = 300
+    field_of_view: float = 90.0  # degrees from top to bottom
+    step: float = 0.25  # metres between places
+
+
+def start(settings: SimulatorSettings) -> Simulator:
+    """A simulator that is ready for a scene.
+
+    Raises:
+        ConfigError: there is no such backend.
+        UserError: AI2-THOR is not there, or cannot be started here; the sentence says what to do.
+    """
+    check_backend(settings.backend)
+    _, executable, width, height, field_of_view, step = settings
+    initial = {"gridSize": step, "renderInstanceSegmentation": True}
+    if settings.backend == STANDIN:
+        from activelsd.envs.thor.standin import StandIn
+
+        return StandIn(width=width, height=height, fieldOfView=field_of_view, **initial)
+    from activelsd.envs.thor.client import GuardedController
+
+    return GuardedController(
+        executable=executable, width=width, height=height, field_of_view=field_of_view, **initial
+    )
+
+
+def check_backend(name: str) -> None:
+    """Raise ConfigError where a backend is unknown."""
+    if name not in BACKENDS:
+        raise ConfigError(f"There is no backend '{name}'; {did_you_mean(name, BACKENDS)}")
+
+
+def build_of(settings: SimulatorSettings) -> str:
+    """What the pictures of a simulator depend on beside its settings: its build, or the stand-in's code."""
+    if settings.backend == STANDIN:
+        digest = hashlib.sha256()
+        for package in _STANDIN_SOURCES:
+            for module in sorted(resources.files(package).iterdir(), key=lambda one: one.name):
+                if module.name.endswith(".py"):
+                    digest.update(module.read_bytes())
+        return digest.hexdigest()[:16]
+    if settings.executable is not None:
+        file = Path(settings.executable)
+        stamp = f" {file.stat().st_size} {file.stat().st_mtime_ns}" if file.exists() else ""
+        return settings.executable + stamp
+    try:
+        return f"ai2thor {version('ai2thor')}"
+    except PackageNotFoundError:
+        return AI2THOR
