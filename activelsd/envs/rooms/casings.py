@@ -152,7 +152,7 @@ def tissue_box(rng: np.random.Generator) -> list[Part]:
 
 def _crate(rng: np.random.Generator) -> tuple[float, float, float]:
     """Width, depth and height of something large that is not a cupboard."""
-    w, d, h = (float(rng.uniform(*span)) for span in ((0.36, 0.5), (0.28, 0.36), (0.27, 0.36)))
+    w, d, h = (float(rng.uniform(*span)) for span in ((0.36, 0.5), (0.25, 0.32), (0.27, 0.36)))
     return w, d, h
 
 

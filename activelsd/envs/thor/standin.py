@@ -128,6 +128,7 @@ class StandIn:
         self.width, self.height = width, height
         self.initialization_parameters: dict[str, Any] = dict(_INITIAL)
         self.scene = scene
+        self._asked: tuple[str, float] | None = None  # scene and grid of the room at hand
         self._filter: frozenset[str] | None = None
         self._open = True
         self.last_event = self.reset(scene, **initialize)
@@ -143,7 +144,9 @@ class StandIn:
         self.width, self.height = initialize.pop("width", self.width), initialize.pop("height", self.height)
         self.initialization_parameters.update(initialize)
         name = (self.scene if scene is None else scene).removesuffix("_physics")
-        self._room = StandInRoom(name, float(self._set("gridSize")))
+        asked = name, float(self._set("gridSize"))
+        if asked != self._asked:
+            self._room, self._asked = StandInRoom(*asked), asked
         self.scene = f"{name}_physics"
         self._filter = None
         self._pose = Pose(*self._room.start, 0.0, 0.0, True)

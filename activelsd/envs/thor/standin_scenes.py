@@ -51,8 +51,8 @@ _FURNISHINGS = {
     "living_room": _Furnishing(
         ("sofa", "coffee_table", "tv_stand"),
         ("armchair", "bookshelf", "desk", "floor_lamp", "mantel", "table", "piano", "dresser"),
-        (6, 9),
-        (3.8, 5.0),
+        (6, 7),
+        (3.6, 4.6),
         ("Television", "Laptop", "Book", "Box", "Candle", "HousePlant", "Bowl", "GarbageCan"),
         ("Apple", "AlarmClock", "Toaster", "SoapBottle", "Apple", "Toaster"),
     ),
@@ -70,7 +70,7 @@ _FURNISHINGS = {
         (5, 6),
         (3.2, 4.0),
         ("SoapBottle", "Candle", "GarbageCan", "HousePlant", "AlarmClock", "Box", "Bowl", "Book"),
-        ("Apple", "Toaster", "Laptop", "Television", "SoapBottle", "Apple"),
+        ("Apple", "Toaster", "Laptop", "SoapBottle", "Apple", "Toaster"),
     ),
 }
 
@@ -175,14 +175,19 @@ def _attempt(style: _Furnishing, things: list[Model], seed: tuple[int, int]) -> 
         room = furnish(Fitted(), seed, pieces=len(kinds), size=(width, depth), kinds=kinds)
         if sorted(piece.model.kind for piece in room.things) != sorted(kinds):
             return None  # one of something did not fit, and another stands there twice
-        room = set_out(room, large, seed, on=_BOARDS, turned=20.0, laid=0.0)
+        if _points(room) > _POINTS[1]:
+            return None
+        room = set_out(room, large, seed, on=_BOARDS, turned=10.0, laid=0.0)
         if any(thing.on == FLOOR for thing in room.things[room.furniture :]):
             return None
         room = set_out(set_down(room, standing, seed), sorted(small, key=_spread), seed, laid=0.0)
     except DataError:
         return None
-    points = len(draw_lattice(room, step=_GRID, radius=RADIUS).points)
-    return room if _POINTS[0] <= points <= _POINTS[1] else None
+    return room if _points(room) >= _POINTS[0] else None
+
+
+def _points(room: Room) -> int:
+    return len(draw_lattice(room, step=_GRID, radius=RADIUS).points)
 
 
 def _spread(thing: Model) -> float:

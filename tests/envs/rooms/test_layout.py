@@ -8,7 +8,7 @@ import trimesh
 
 from activelsd.envs.modelnet.shapes.solids import box, join, shift, turn
 from activelsd.envs.rooms.footprints import Rect, overlap
-from activelsd.envs.rooms.layout import FLOOR, furnish, set_out
+from activelsd.envs.rooms.layout import FLOOR, furnish, set_down, set_out
 from activelsd.envs.rooms.library import Embedded
 from activelsd.envs.rooms.models import Model
 from activelsd.envs.rooms.smallthings import KINDS, small_thing
@@ -119,6 +119,27 @@ def test_scans_of_a_room_share_the_furniture():
     one, other = set_out(room, things, 1), set_out(room, things, 2)
     assert one.things[: room.furniture] == other.things[: room.furniture]
     assert one.things[-1][1:] != other.things[-1][1:]
+
+
+def test_things_are_put_where_they_are_wanted():
+    """On some kinds of furniture, facing about as that does, after others; or on the floor."""
+    room = furnish(Embedded(), 1, kinds=["desk", "table", "sofa", "dresser", "bed", "night_stand"])
+    once = set_out(
+        room, [small_thing("can", i) for i in range(8)], 2, on=("desk", "table"), turned=5.0, laid=0.0
+    )
+    both = set_down(
+        set_out(once, [small_thing("cup", i) for i in range(4)], 3), [small_thing("radio", 1)] * 2, 4
+    )
+    cans = once.things[once.furniture :]
+    assert {once.things[can.on].model.kind for can in cans} <= {"desk", "table"}
+    assert all(abs(can.yaw - once.things[can.on].yaw) <= 5.0 for can in cans)
+    assert both.things[: len(once.things)] == once.things
+    assert all(thing.on == FLOOR and thing.z == 0.0 for thing in both.things[-2:])
+    small = both.things[both.furniture :]
+    for i, thing in enumerate(small):
+        for other in small[:i]:
+            apart = thing.z >= other.top or other.z >= thing.top
+            assert apart or not overlap(thing.footprint, other.footprint)
 
 
 def test_what_does_not_fit_is_refused():

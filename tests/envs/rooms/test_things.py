@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from activelsd.envs.rooms import household
+from activelsd.envs.rooms.fittings import FITTINGS, Fitted
+from activelsd.envs.rooms.household import household_thing
 from activelsd.envs.rooms.library import SIZES, Embedded, MeshFolder
 from activelsd.envs.rooms.smallthings import KINDS, LABELS, small_thing
 from activelsd.errors import DataError
@@ -79,11 +82,38 @@ def test_furniture_is_sound_and_of_its_kinds_size(kind):
         assert same(model, library.model(kind, number))
 
 
+@pytest.mark.parametrize("kind", household.KINDS)
+def test_household_things_are_sound_and_each_another(kind):
+    models = [household_thing(kind, number) for number in range(12)]
+    for number, model in enumerate(models):
+        check(model)
+        assert 0.06 < max(model.size) < 0.95
+        assert same(model, household_thing(kind, number))
+    assert len({model.mesh.vertices.tobytes() for model in models}) == len(models)
+
+
+@pytest.mark.parametrize("kind", FITTINGS)
+def test_fittings_are_sound(kind):
+    for number in range(6):
+        model = Fitted().model(kind, number)
+        check(model)
+        assert 0.35 < min(model.size[:2]) < max(model.size) < 2.0
+        assert same(model, Fitted().model(kind, number))
+
+
+def test_a_fitted_library_has_the_embedded_furniture_as_it_is():
+    assert set(FITTINGS).isdisjoint(Embedded.kinds)
+    for kind in Embedded.kinds:
+        assert same(Fitted().model(kind, 5), Embedded().model(kind, 5))
+
+
 def test_unknown_kinds_are_refused():
     with pytest.raises(DataError, match=r"'sofas'.*did you mean sofa"):
         Embedded().model("sofas", 0)
     with pytest.raises(DataError, match=r"'cam'.*did you mean can"):
         small_thing("cam", 0)
+    with pytest.raises(DataError, match=r"'toasters'.*did you mean toaster"):
+        household_thing("toasters", 0)
 
 
 def test_a_folder_of_meshes_is_furniture_too(tmp_path):
