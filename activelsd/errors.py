@@ -34,6 +34,14 @@ class TrainingError(ActiveLSDError):
     """Raised when training cannot go on, for example because the loss is no longer finite."""
 
 
+class SimulatorLost(ActiveLSDError):
+    """Raised when a simulator died, hung or talked nonsense; nothing is left, and a reset starts another."""
+
+
+class SimulatorError(ActiveLSDError):
+    """Raised when a simulator was lost so often that starting it once more makes no sense."""
+
+
 def did_you_mean(word: str, known: Iterable[str], otherwise: str | None = None) -> str:
     """The end of a sentence about an unknown word: the nearest right one, else `otherwise` or them all."""
     names = list(known)

@@ -1,0 +1,1 @@
+"""Walks through simulated rooms: AI2-THOR's, drawn by Unity, or rooms drawn here in its stead."""
