@@ -161,11 +161,9 @@ class GuardedController:
         """Talk to the simulator; where that fails it is cleared away before the error is raised."""
         simulator = self._simulator
         assert simulator is not None
-        event = None
         try:
             with simulator.watchdog.guard(seconds):
-                if simulator.watchdog.lost is None:
-                    event = call()
+                event = call()
         except Exception as error:
             if simulator.refuses(error):
                 raise
@@ -175,7 +173,7 @@ class GuardedController:
         except BaseException:  # as Ctrl-C, after which an answer may be on its way that nobody awaits
             self.stop()
             raise
-        if simulator.watchdog.lost is not None:  # before the call, or when its answer was half told
+        if simulator.watchdog.lost is not None:  # when half of the answer was told, and taken for the whole
             raise self._lose(simulator.watchdog.lost)
         self._last_event = _contiguous(event)
         return self._last_event
