@@ -27,7 +27,7 @@ from playroom import MOVES, Refused, World
 
 METADATA, ACTION, RGB, DEPTH, IDS, END = 1, 2, 4, 5, 9, 255
 SIGNALS = {"segv": signal.SIGSEGV, "abort": signal.SIGABRT, "kill": signal.SIGKILL}
-FAILURES = (*SIGNALS, "exit", "hang", "garbage", "endless", "sequence", "midmessage")
+FAILURES = (*SIGNALS, "exit", "hang", "garbage", "endless", "sequence", "midmessage", "nopicture")
 
 ALWAYS = {"action", "sequenceId", "renderImage"}
 NEEDED: dict[str, set[str]] = {
@@ -121,8 +121,9 @@ class Player:
         if self.world.settings.get("renderInstanceSegmentation"):
             parts.append((IDS, self.picture(ids)))
         message = b"".join(struct.pack("!BI", kind, len(body)) + body for kind, body in parts)
-        if self.how == "midmessage!":
-            self.out.write(message[: len(message) * 2 // 3])
+        if self.how in ("midmessage!", "nopicture!"):
+            sent = len(message) * 2 // 3 if self.how == "midmessage!" else 5 + len(parts[0][1])
+            self.out.write(message[:sent])
             self.out.flush()
             os.kill(os.getpid(), signal.SIGKILL)
         self.out.write(message + struct.pack("!BI", END, 0))
@@ -148,7 +149,7 @@ class Player:
         elif how in ("garbage", "endless"):  # a field of no known type, or one of a gigabyte that never comes
             self.out.write(bytes(range(200, 250)) if how == "garbage" else struct.pack("!BI", RGB, 2**30))
             self.out.flush()
-        elif how in ("sequence", "midmessage"):
+        elif how in ("sequence", "midmessage", "nopicture"):
             self.how = f"{how}!"  # in the answer
         else:
             os.kill(

@@ -76,6 +76,7 @@ def test_failures_on_the_way_to_the_first_view(fail: str, reason: str) -> None:
         ("garbage@Pass", "KeyError: 200"),
         ("sequence@Pass", "Sequence id mismatch"),
         ("midmessage@Pass", "it died of SIGKILL"),
+        ("nopicture@Pass", "it died of SIGKILL"),
     ],
 )
 def test_failures_of_a_step(fail: str, reason: str) -> None:
