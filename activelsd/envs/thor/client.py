@@ -173,8 +173,6 @@ class GuardedController:
         except BaseException:  # as Ctrl-C, after which an answer may be on its way that nobody awaits
             self.stop()
             raise
-        if simulator.watchdog.lost is not None:  # when half of the answer was told, and taken for the whole
-            raise self._lose(simulator.watchdog.lost)
         self._last_event = _contiguous(event)
         return self._last_event
 

@@ -19,8 +19,8 @@ from typing import Any
 POLL_S = 0.03
 """How often the thread looks; a client with a dead player spins for no longer."""
 
-END = b"\xff" * 5
-"""A header that ends a message."""
+NONSENSE = bytes(5)
+"""A header of a type there is none of, so that no message cut short is ever taken for a whole one."""
 
 
 class Watchdog:
@@ -81,7 +81,7 @@ def _release(server: Any) -> None:
             end = os.open(path, way | os.O_NONBLOCK)
             try:
                 if way == os.O_WRONLY:
-                    os.write(end, END)  # wakes a reader where something else holds the pipe open
+                    os.write(end, NONSENSE)  # wakes a reader where something else holds the pipe open
             finally:
                 os.close(end)
     if server.server_pipe is not None:
