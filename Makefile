@@ -34,7 +34,8 @@ $(VENV)/installed: pyproject.toml constraints.txt | $(BIN)/python
 
 $(VENV)/installed-dev: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "== Installing activelsd and its tests' tools into $(VENV) (a minute or more, PyTorch is large)"
-	@$(PIP) install -q -c constraints.txt -e '.[dev]'
+	@$(PIP) install -q -c constraints.txt -e '.[dev,thor]'
+	@$(PIP) install -q --no-deps ai2thor==5.0.0 # without opencv-python, see pyproject.toml
 	@touch $@ $(VENV)/installed
 
 clean:

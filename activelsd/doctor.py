@@ -1,7 +1,8 @@
-"""What this machine offers: versions, cores, a GPU, a cache that can be written, the newest run."""
+"""What this machine offers: versions, cores, a GPU, a cache that can be written, AI2-THOR, the newest run."""
 
 from __future__ import annotations
 
+import os
 import platform
 import re
 import tempfile
@@ -14,7 +15,14 @@ import torch
 
 from activelsd.envs.cache import default_cache
 from activelsd.envs.cores import cores
-from activelsd.errors import RunError
+from activelsd.envs.thor.installation import (
+    INSTALL,
+    choose_platform,
+    download_command,
+    find_build,
+    has_vulkan,
+)
+from activelsd.errors import ConfigError, RunError
 from activelsd.train.run import Run
 
 
@@ -38,6 +46,7 @@ def examine(runs: Path) -> Iterator[Finding]:
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else "no CUDA device, the CPU is used"
     yield Finding("device", f"{gpu}; {torch.get_num_threads()} threads of PyTorch")
     yield _cache(default_cache())
+    yield from _thor()
     try:
         yield Finding("newest run", str(Run.newest(runs).folder))
     except RunError:
@@ -71,3 +80,17 @@ def _cache(folder: Path) -> Finding:
     except OSError as error:
         return Finding("cache", f"{folder} cannot be written ({error.strerror}); set ACTIVELSD_CACHE", False)
     return Finding("cache", f"{folder}, writable")
+
+
+def _thor() -> Iterator[Finding]:
+    """What there is of AI2-THOR, which is optional."""
+    try:
+        build = find_build(choose_platform())
+    except ConfigError:
+        yield Finding("AI2-THOR", f"not installed, and needed only for its own rooms: {INSTALL}")
+        return
+    yield Finding("AI2-THOR", version("ai2thor"))
+    get = f"not downloaded, 800 MB: {download_command(choose_platform())}"
+    yield Finding("AI2-THOR build", get if build is None else str(build))
+    display = os.environ.get("DISPLAY") or "no DISPLAY"
+    yield Finding("AI2-THOR draws on", f"{display}, {'Vulkan' if has_vulkan() else 'no Vulkan'}")

@@ -35,7 +35,11 @@ class TrainingError(ActiveLSDError):
 
 
 class SimulatorLost(ActiveLSDError):
-    """Raised when a simulator crashed, hangs or answers nonsense: the episode it was in cannot go on."""
+    """Raised when a simulator died, hung or talked nonsense; nothing is left, and a reset starts another."""
+
+
+class SimulatorError(ActiveLSDError):
+    """Raised when a simulator was lost so often that starting it once more makes no sense."""
 
 
 def did_you_mean(word: str, known: Iterable[str], otherwise: str | None = None) -> str:

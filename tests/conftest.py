@@ -40,7 +40,7 @@ def furniture() -> Path:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip what this machine cannot run."""
     if item.get_closest_marker("thor") and importlib.util.find_spec("ai2thor") is None:
-        pytest.skip("needs AI2-THOR: pip install 'activelsd[thor]'")
+        pytest.skip("needs AI2-THOR: pip install -e '.[thor]' && pip install --no-deps ai2thor==5.0.0")
     if item.get_closest_marker("browser") and importlib.util.find_spec("playwright") is None:
         pytest.skip("needs Playwright")
     if item.get_closest_marker("gpu"):
