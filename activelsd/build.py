@@ -111,10 +111,9 @@ def _avd_graph(settings: AVDSettings, progress: Progress | None) -> ViewGraph:
 
 def _thor_options(settings: THORSettings) -> dict[str, Any]:
     """As `_modelnet_options`."""
-    same = ("backend", "executable", "simulators", "classes", "size", "width", "height", "field_of_view")
-    options = {name: getattr(settings, name) for name in (*same, "step", "horizons", "navigate")}
-    cache = None if settings.cache is None else str(settings.cache)
-    return options | settings.scenes.model_dump() | settings.starts.model_dump() | {"cache": cache}
+    other = {"name", "live", "scenes", "starts", "rules"}
+    options = settings.model_dump(mode="json", exclude=other)
+    return options | settings.scenes.model_dump() | settings.starts.model_dump()
 
 
 def _thor_graph(settings: THORSettings, progress: Progress | None) -> ViewGraph:

@@ -178,6 +178,8 @@ class THORSettings(Section):
         "ai2thor", description="what makes the pictures; standin: furnished rooms rendered here"
     )
     executable: str | None = Field(None, description="AI2-THOR's player; null: the build its client has")
+    x_displays: tuple[str, ...] = Field((), description="AI2-THOR: X displays, taken in turn; []: $DISPLAY")
+    gpu_devices: tuple[int, ...] = Field((), description="AI2-THOR: GPUs to render on, taken in turn")
     live: bool = Field(
         False, description="ga3c: agents walk the simulator itself; else all train on recordings of it"
     )

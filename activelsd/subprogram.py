@@ -13,16 +13,21 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+NUMBER = "ACTIVELSD_PROCESS"
+"""Environment variable with a process's number among those that are started side by side."""
+
 
 def start(module: str, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
     """Run a module's `main` in a new interpreter, with unbuffered pipes to its input and from its output."""
-    paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
+    # Said to the interpreter alone: programs that it starts in turn look for modules their own way.
+    paths = [path or str(Path.cwd()) for path in sys.path]
+    program = f"import sys; sys.path[:] = {paths!r}; from {module} import main; main()"
     return subprocess.Popen(
-        [sys.executable, "-c", f"from {module} import main; main()"],
+        [sys.executable, "-c", program],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         bufsize=0,  # what Python had read ahead, a selector would not see
         start_new_session=True,
         pass_fds=pass_fds,
-        env={**os.environ, "PYTHONPATH": paths, "PYTHONSAFEPATH": "1", "OMP_NUM_THREADS": "1"},
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
     )

@@ -11,12 +11,12 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from activelsd.envs.thor.installation import HOME, INSTEAD, launch_options, load_controller
+from activelsd.envs.thor.room import Event
 from activelsd.envs.thor.watchdog import Watchdog
 from activelsd.errors import ConfigError, SimulatorError, SimulatorLost, UserError, did_you_mean
 
@@ -24,16 +24,6 @@ RESTARTS, WINDOW_S = 3, 600.0
 """A simulator that was lost is started again at most so often within so many seconds."""
 
 LOG = HOME / "log" / "unity.log"
-
-
-class Event(Protocol):
-    """What the simulator answers: what the agent sees, and what is known of the scene."""
-
-    frame: NDArray[np.uint8]  # (H, W, 3) RGB, contiguous
-    depth_frame: NDArray[np.float32] | None  # (H, W) metres, contiguous; with renderDepthImage
-    instance_masks: Mapping[str, NDArray[np.bool_]]  # (H, W) by object id; with renderInstanceSegmentation
-    instance_detections2D: Mapping[str, tuple[int, int, int, int]] | None  # x1, y1, x2, y2, inclusive
-    metadata: dict[str, Any]
 
 
 class GuardedController:

@@ -35,6 +35,8 @@ def recording_settings(
     *,
     backend: str = AI2THOR,
     executable: str | None = None,
+    x_displays: Sequence[str] = (),
+    gpu_devices: Sequence[int] = (),
     classes: Sequence[str] = CLASSES,
     size: int = 64,
     width: int = 300,
@@ -48,6 +50,8 @@ def recording_settings(
     Args:
         backend: `ai2thor`, or `standin` for the furnished rooms in its stead.
         executable: of AI2-THOR's player; None for the build that its client downloads.
+        x_displays: X displays for it; processes take them in turn. None: the one of the environment.
+        gpu_devices: numbers of the GPUs that it renders on; processes take them in turn.
         classes: types of objects to ask for.
         size: side of frames and crops in pixels.
         width: of the simulator's pictures, in pixels.
@@ -61,7 +65,16 @@ def recording_settings(
     """
     check_backend(backend)
     return RecordingSettings(
-        SimulatorSettings(backend, executable, width, height, field_of_view, step),
+        SimulatorSettings(
+            backend=backend,
+            executable=executable,
+            width=width,
+            height=height,
+            field_of_view=field_of_view,
+            step=step,
+            x_displays=tuple(x_displays),
+            gpu_devices=tuple(gpu_devices),
+        ),
         tuple(sorted(horizons)),
         tuple(sorted(classes)),
         size,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from importlib import resources
 from multiprocessing import get_context
+from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +22,10 @@ from activelsd.envs.thor.room import Room
 from activelsd.envs.thor.simulators import STANDIN, SimulatorSettings, build_of, start
 from activelsd.envs.viewgraph import read_key, save_graph
 from activelsd.errors import SimulatorLost
+from activelsd.subprogram import NUMBER
+
+_ELSEWHERE = ("executable", "x_displays", "gpu_devices")
+"""Settings that pictures do not depend on, or that `build_of` tells better."""
 
 _SOURCES = ("pictures.py", "thor/lattice.py", "thor/record.py", "thor/room.py")
 
@@ -88,7 +94,7 @@ def _job(settings: RecordingSettings, scene: str, cache: Path) -> _Job:
     simulator = settings.simulator
     key: dict[str, Any] = {"scene": scene, "code": _code(), "build": build_of(simulator)}
     key |= {k: v for k, v in settings._asdict().items() if k != "simulator"}
-    key |= {k: v for k, v in simulator._asdict().items() if k != "executable"}
+    key |= {k: v for k, v in simulator._asdict().items() if k not in _ELSEWHERE}
     key["horizons"], key["classes"] = list(settings.horizons), list(settings.classes)
     path = cache_file(cache, f"thor-{simulator.backend}-{scene}", settings.size, key)
     return _Job(settings, scene, path, key)
@@ -110,16 +116,20 @@ def _made(jobs: Sequence[_Job], workers: int) -> Iterator[Iterator[Path]]:
         finally:
             room.simulator.stop()
         return
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_undisturbed)
+    context = get_context("spawn")
+    pool = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(context.Value("i", 0),))
     try:
         yield (future.result() for future in as_completed([pool.submit(_in_worker, job) for job in jobs]))
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _undisturbed() -> None:
-    """Ctrl-C is for the process that started this one."""
+def _begin(counter: Synchronized[int]) -> None:
+    """Take the next number; Ctrl-C is for the process that started this one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with counter.get_lock():
+        os.environ[NUMBER] = str(counter.value)
+        counter.value += 1
 
 
 def _in_worker(job: _Job) -> Path:

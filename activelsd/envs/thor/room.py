@@ -26,11 +26,19 @@ NEAREST = 0.05
 
 
 class Event(Protocol):
-    """What a simulator answers."""
+    """What a simulator answers: what the agent sees, and what is known of the scene."""
 
-    frame: NDArray[np.uint8]  # (H, W, 3) RGB
-    instance_masks: Mapping[str, NDArray[np.bool_]]  # (H, W) by object
-    metadata: Mapping[str, Any]
+    @property
+    def frame(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB."""
+
+    @property
+    def instance_masks(self) -> Mapping[str, NDArray[np.bool_]]:
+        """(H, W) by the simulator's name of the object."""
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """What is told of the agent, the objects and the action."""
 
 
 class Simulator(Protocol):

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+import os
+from collections.abc import Sequence
 from importlib import resources
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from activelsd.envs.thor.room import Simulator
 from activelsd.errors import ConfigError, did_you_mean
+from activelsd.subprogram import NUMBER
 
 AI2THOR, STANDIN = "ai2thor", "standin"
 BACKENDS = (AI2THOR, STANDIN)
+
+Device = TypeVar("Device", str, int)
 
 _STANDIN_SOURCES = (
     "activelsd.envs.thor",
@@ -31,6 +36,8 @@ class SimulatorSettings(NamedTuple):
     height: int = 300
     field_of_view: float = 90.0  # degrees from top to bottom
     step: float = 0.25  # metres between places
+    x_displays: tuple[str, ...] = ()  # AI2-THOR: each process takes the next; none: $DISPLAY
+    gpu_devices: tuple[int, ...] = ()  # the same
 
 
 def start(settings: SimulatorSettings) -> Simulator:
@@ -41,17 +48,34 @@ def start(settings: SimulatorSettings) -> Simulator:
         UserError: AI2-THOR is not there, or cannot be started here; the sentence says what to do.
     """
     check_backend(settings.backend)
-    _, executable, width, height, field_of_view, step = settings
-    initial = {"gridSize": step, "renderInstanceSegmentation": True}
+    _, executable, width, height, field_of_view, step, x_displays, gpu_devices = settings
     if settings.backend == STANDIN:
         from activelsd.envs.thor.standin import StandIn
 
-        return StandIn(width=width, height=height, fieldOfView=field_of_view, **initial)
+        return StandIn(
+            width=width,
+            height=height,
+            fieldOfView=field_of_view,
+            gridSize=step,
+            renderInstanceSegmentation=True,
+        )
     from activelsd.envs.thor.client import GuardedController
 
     return GuardedController(
-        executable=executable, width=width, height=height, field_of_view=field_of_view, **initial
+        executable=executable,
+        x_display=_own(x_displays),
+        gpu_device=_own(gpu_devices),
+        width=width,
+        height=height,
+        field_of_view=field_of_view,
+        gridSize=step,
+        renderInstanceSegmentation=True,
     )
+
+
+def _own(devices: Sequence[Device]) -> Device | None:
+    """This process's of some devices: processes that are started side by side take them in turn."""
+    return devices[int(os.environ.get(NUMBER, 0)) % len(devices)] if devices else None
 
 
 def check_backend(name: str) -> None:

@@ -25,7 +25,7 @@ import gymnasium
 
 from activelsd.envs.actions import ActionTree
 from activelsd.errors import ActiveLSDError, UserError
-from activelsd.subprogram import start
+from activelsd.subprogram import NUMBER, start
 from activelsd.train.actors.ga3c.player import Env, EnvPlayer, check_actions
 from activelsd.train.actors.ga3c.slots import Layout, Slots
 
@@ -203,6 +203,7 @@ def main() -> None:
     with os.fdopen(os.dup(0), "rb", buffering=0) as bell:
         job = json.loads(bell.readline())
     files = job["files"]
+    os.environ[NUMBER] = str(job["agent"])
     faulthandler.enable(files["trace"])
     faulthandler.register(_WHERE, files["trace"], chain=False)
     threading.Thread(target=_end_with_parent, args=(files["lifeline"],), daemon=True).start()
