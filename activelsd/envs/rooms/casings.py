@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from activelsd.envs.modelnet.meshes import Mesh
 from activelsd.envs.modelnet.shapes.solids import arc, box, cylinder, prism, shift, slab, tube, turn
 from activelsd.envs.rooms.models import Part
 from activelsd.envs.rooms.textures import Colour, Material, darker
@@ -55,14 +56,9 @@ def _casing(rng: np.random.Generator) -> _Casing:
     return _Casing(w, d, h, inner, body, [(prism(outline, -w / 2, w / 2), body), (foot, DARK)])
 
 
-def _disc(radius: float, x: float, front: float, z: float, out: float) -> Part:
+def _disc(radius: float, x: float, front: float, z: float, out: float) -> Mesh:
     """An upright disc that reaches `out` before a front."""
-    flat = turn(cylinder(radius, 0.0, out, segments=24), 90, axis="x")
-    return shift(flat, (x, front, z)), LIGHT
-
-
-def _painted(part: Part, material: Material) -> Part:
-    return part[0], material
+    return shift(turn(cylinder(radius, 0.0, out, segments=24), 90, axis="x"), (x, front, z))
 
 
 def alarm_clock(rng: np.random.Generator) -> list[Part]:
@@ -72,8 +68,8 @@ def alarm_clock(rng: np.random.Generator) -> list[Part]:
     parts = list(case.parts)
     if rng.random() < 0.6:
         r = 0.42 * h
-        parts += [_painted(_disc(1.14 * r, 0.0, front, 0.52 * h, 0.004), DARK)]
-        parts += [_disc(r, 0.0, front, 0.52 * h, 0.006)]
+        parts.append((_disc(1.14 * r, 0.0, front, 0.52 * h, 0.004), DARK))
+        parts.append((_disc(r, 0.0, front, 0.52 * h, 0.006), LIGHT))
         for length, thick in ((0.6 * r, 0.012), (0.85 * r, 0.008)):
             hand = box((-thick / 2, front - 0.008, 0.0), (thick / 2, front, length))
             turned = turn(hand, float(rng.uniform(0, 360)), axis="y")
@@ -82,9 +78,8 @@ def alarm_clock(rng: np.random.Generator) -> list[Part]:
         low, high = 0.28 * h, 0.8 * h
         parts.append((box((-0.43 * w, front - 0.003, low), (0.43 * w, front, high)), DARK))
         for x in (-0.38, -0.19, 0.06, 0.25):
-            parts += _digit(
-                _DIGITS[rng.integers(len(_DIGITS))], (x * w, front, low + 0.07 * h), 0.13 * w, 0.38 * h
-            )
+            lit = _DIGITS[rng.integers(len(_DIGITS))]
+            parts += _digit(lit, (x * w, front, low + 0.07 * h), 0.13 * w, 0.38 * h)
     if rng.random() < 0.5:
         parts.append((slab(0.3 * w, 1.2 * case.flat, 0.014, at=(0.0, 0.0, h)), STEEL))
     else:
@@ -135,7 +130,7 @@ def loudspeaker(rng: np.random.Generator) -> list[Part]:
     r = min(0.4 * h, 0.22 * w)
     for x in xs:
         for radius, out, material in ((r, 0.004, DARK), (0.6 * r, 0.007, case.body), (0.25 * r, 0.012, DARK)):
-            parts.append(_painted(_disc(radius, x, front, 0.5 * h, out), material))
+            parts.append((_disc(radius, x, front, 0.5 * h, out), material))
     parts.append((slab(0.4 * w, 0.6 * case.flat, 0.008, at=(0.0, 0.0, h)), DARK))
     return parts
 
@@ -159,22 +154,27 @@ def _crate(rng: np.random.Generator) -> tuple[float, float, float]:
 def television(rng: np.random.Generator) -> list[Part]:
     """A flat screen on a foot, or an old set in a case that is plain on all other sides."""
     shade = Material(BODIES[rng.integers(len(BODIES))]) if rng.random() < 0.35 else Material((58, 58, 64))
-    if rng.random() < 0.4:
-        w, d, h = _crate(rng)
-        front, right = -d / 2, w / 2 - 0.09
-        parts = [(slab(w, d, h), shade)]
-        parts.append((box((-w / 2 + 0.03, front - 0.006, 0.05), (right, front, h - 0.03)), DARK))
-        parts.append((box((-w / 2 + 0.055, front - 0.01, 0.075), (right - 0.025, front, h - 0.055)), _SCREEN))
-        x = right + 0.045
-        parts += [_painted(_disc(0.022, x, front, k * h, 0.02), STEEL) for k in (0.8, 0.62)]
-        parts.append((box((x - 0.025, front - 0.003, 0.08), (x + 0.025, front, 0.4 * h)), DARK))
-        if rng.random() < 0.5:
-            rods = [
-                turn(tube(((0.0, 0.0, h), (0.0, 0.0, h + 0.2)), 0.004), a, axis="y", about=(0, 0, h))
-                for a in (-35, 35)
-            ]
-            parts += [(rod, STEEL) for rod in rods]
-        return parts
+    return _old_set(rng, shade) if rng.random() < 0.4 else _flat_screen(rng, shade)
+
+
+def _old_set(rng: np.random.Generator, shade: Material) -> list[Part]:
+    w, d, h = _crate(rng)
+    front, right = -d / 2, w / 2 - 0.09
+    x = right + 0.045
+    parts = [
+        (slab(w, d, h), shade),
+        (box((-w / 2 + 0.03, front - 0.006, 0.05), (right, front, h - 0.03)), DARK),
+        (box((-w / 2 + 0.055, front - 0.01, 0.075), (right - 0.025, front, h - 0.055)), _SCREEN),
+        *((_disc(0.022, x, front, k * h, 0.02), STEEL) for k in (0.8, 0.62)),
+        (box((x - 0.025, front - 0.003, 0.08), (x + 0.025, front, 0.4 * h)), DARK),
+    ]
+    if rng.random() < 0.5:
+        rod = tube(((0.0, 0.0, h), (0.0, 0.0, h + 0.2)), 0.004)
+        parts += [(turn(rod, a, axis="y", about=(0.0, 0.0, h)), STEEL) for a in (-35.0, 35.0)]
+    return parts
+
+
+def _flat_screen(rng: np.random.Generator, shade: Material) -> list[Part]:
     w, t = float(rng.uniform(0.55, 0.8)), float(rng.uniform(0.03, 0.05))
     h, foot = 0.58 * w, float(rng.uniform(0.04, 0.08))
     front = -t / 2
@@ -239,14 +239,13 @@ def lying_book(rng: np.random.Generator) -> list[Part]:
     cover = Material(BODIES[rng.integers(len(BODIES))])
     if rng.random() < 0.5:
         t = float(rng.uniform(0.025, 0.05))
-        lines = Material(darker(LIGHT.colour, 0.0))
         return [
             (slab(w - 0.01, d - 0.012, t - 0.006, at=(0.004, 0.0, 0.003)), _PAGES),
             (slab(w, d, 0.004), cover),
             (slab(w, d, 0.004, at=(0.0, 0.0, t - 0.004)), cover),
             (slab(0.006, d, t, at=(-w / 2, 0.0, 0.0)), cover),
-            (slab(0.7 * w, 0.14 * d, _PROUD, at=(0.0, 0.22 * d, t)), lines),
-            (slab(0.5 * w, 0.06 * d, _PROUD, at=(0.0, 0.05 * d, t)), lines),
+            (slab(0.7 * w, 0.14 * d, _PROUD, at=(0.0, 0.22 * d, t)), LIGHT),
+            (slab(0.5 * w, 0.06 * d, _PROUD, at=(0.0, 0.05 * d, t)), LIGHT),
         ]
     parts: list[Part] = [(slab(2 * w, d, 0.004), cover)]
     for s in (-1, 1):

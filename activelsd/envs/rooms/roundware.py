@@ -21,6 +21,7 @@ _LEAVES: tuple[Colour, ...] = ((58, 110, 56), (88, 140, 70), (44, 84, 60), (120,
 _WAX: tuple[Colour, ...] = ((236, 228, 206), (190, 70, 66), (120, 150, 160), (222, 190, 110), (110, 130, 96))
 _SOIL = Material((70.0, 52.0, 40.0))
 _WALL = 0.008  # metres
+_ON_TABLE, _ON_FLOOR = (0.065, 0.09), (0.13, 0.17)  # metres, between which the radius of pots lies, about
 
 
 def _body(rng: np.random.Generator) -> Material:
@@ -32,7 +33,7 @@ def _vessel(outer: list[tuple[float, float]], filled: float) -> Mesh:
     inner = [(r - _WALL, z) for r, z in reversed(outer) if z > filled]
     radii, heights = zip(*outer, strict=True)
     r = float(np.interp(filled, heights, radii)) - _WALL
-    return lathe([(0.0, 0.0), *outer, *inner, (r, filled)])
+    return lathe([(0.0, 0.0), *outer, *inner, (r, filled), (0.0, filled)])
 
 
 def apple(rng: np.random.Generator) -> list[Part]:
@@ -56,10 +57,8 @@ def apple(rng: np.random.Generator) -> list[Part]:
 def ball(rng: np.random.Generator) -> list[Part]:
     """A sphere, of one colour or with a band around it."""
     r = float(rng.uniform(0.04, 0.05))
-    ring = [
-        (float(x), float(z))
-        for x, z in np.column_stack([r * arc(-90, 90, 13)[:, 0], r * (1 + arc(-90, 90, 13)[:, 1])])
-    ]
+    x, z = r * arc(-90, 90, 13).T
+    ring = list(zip(x.tolist(), (r + z).tolist(), strict=True))
     skin = Material(_FRUIT[rng.integers(len(_FRUIT))])
     parts = [(lathe(ring), skin)]
     if rng.random() < 0.5:
@@ -100,21 +99,15 @@ def candle(rng: np.random.Generator) -> list[Part]:
         pillar = ((0.0, foot), (r, foot), (r, top), (0.8 * r, top - 0.004), (0.0, top - 0.012))
         parts.append((lathe(pillar), wax))
         if style == 1:
-            parts.append(
-                (
-                    lathe(
-                        (
-                            (0.0, 0.0),
-                            (1.4 * r, 0.0),
-                            (1.9 * r, 0.022),
-                            (1.8 * r, 0.024),
-                            (1.3 * r, 0.012),
-                            (0.0, 0.012),
-                        )
-                    ),
-                    STEEL,
-                )
-            )
+            low = [
+                (0.0, 0.0),
+                (1.4 * r, 0.0),
+                (1.9 * r, 0.022),
+                (1.8 * r, 0.024),
+                (1.3 * r, foot),
+                (0.0, foot),
+            ]
+            parts.append((lathe(low), STEEL))
     wick = tube(((0.0, 0.0, top - 0.012), (0.0, 0.0, top + 0.015), (0.006, 0.0, top + 0.03)), 0.004)
     return [*parts, (wick, DARK)]
 
@@ -123,15 +116,14 @@ def soap_bottle(rng: np.random.Generator) -> list[Part]:
     """A round or square body under a pump whose spout points forward."""
     r, h = float(rng.uniform(0.034, 0.046)), float(rng.uniform(0.1, 0.16))
     body = _body(rng)
+    parts: list[Part] = []
     if rng.random() < 0.6:
-        bottle = lathe(((0.0, 0.0), (r, 0.0), (r, 0.85 * h), (0.8 * r, 0.95 * h), (0.4 * r, h), (0.0, h)))
+        wall = ((0.0, 0.0), (r, 0.0), (r, 0.85 * h), (0.8 * r, 0.95 * h), (0.4 * r, h), (0.0, h))
+        parts.append((lathe(wall), body))
+        if rng.random() < 0.6:
+            parts.append((lathe(((r + 0.001, 0.25 * h), (r + 0.001, 0.65 * h))), LIGHT))
     else:
-        bottle = join([slab(2 * r, 1.5 * r, 0.92 * h), cylinder(0.45 * r, 0.92 * h, h)])
-    parts: list[Part] = [(bottle, body)]
-    if rng.random() < 0.6:
-        label = lathe(((r + 0.001, 0.25 * h), (r + 0.001, 0.65 * h)))
-        if len(bottle.faces) > 100:
-            parts.append((label, LIGHT))
+        parts.append((join([slab(2 * r, 1.5 * r, 0.92 * h), cylinder(0.45 * r, 0.92 * h, h)]), body))
     pump = LIGHT if rng.random() < 0.5 else DARK
     parts += [
         (cylinder(0.45 * r, h, h + 0.015), pump),
@@ -172,96 +164,95 @@ def _foliage(rng: np.random.Generator, reach: float, tall: float) -> list[Part]:
     """What grows from the origin, about `reach` metres wide either way and so high."""
     green = _LEAVES[rng.integers(len(_LEAVES))]
     shades = [Material(green), Material(darker(green, 0.25)), Material(darker(green, -0.2))]
-    style = rng.integers(3)
-    if style == 0:  # leaves from the middle, as an aloe's or a lily's
-        count = int(rng.integers(9, 15))
-        parts = []
-        for i in range(count):
-            steep = float(rng.uniform(15, 80))
-            length = float(rng.uniform(0.75, 1.0)) * min(tall, reach / np.cos(np.radians(steep)))
-            leaf = turn(_leaf(length, 0.3 * length, 0.12), -steep, axis="y")
-            parts.append((turn(leaf, 137.5 * i), shades[i % 3]))
-        return parts
-    if style == 1:  # a cactus of ribbed columns
-        parts = []
-        for i in range(int(rng.integers(1, 4))):
-            r, h = 0.3 * reach, tall * float(rng.uniform(0.6, 1.0))
-            x, y = (0.0, 0.0) if i == 0 else (0.45 * reach * arc(120 * i, 120 * i, 1)[0])
-            dome = [(r * 0.8, 0.0), (r, 0.3 * h), (r, 0.75 * h), (0.75 * r, 0.92 * h), (0.0, h)]
-            column = lathe(dome, 16)
-            ribs = column.vertices.copy()
-            ribs[::2, :2] *= 0.75
-            parts.append((shift(Mesh(ribs, column.faces), (x, y, 0.0)), shades[i % 3]))
-        return parts
-    parts = [
-        (
-            tube(((0.0, 0.0, 0.0), (0.0, 0.0, 0.4 * tall), (0.0, 0.0, 0.8 * tall)), 0.05 * reach),
-            Material((96, 74, 50)),
-        )
-    ]
-    for i in range(int(rng.integers(26, 40))):  # a bush
-        at = rng.normal(size=3)
-        at *= np.array([0.62 * reach, 0.62 * reach, 0.3 * tall]) / np.linalg.norm(at)
-        leaf = turn(_leaf(0.5 * reach, 0.28 * reach, 0.2), float(rng.uniform(-60, 30)), axis="y")
-        leaf = turn(leaf, float(np.degrees(np.arctan2(at[1], at[0])) + rng.uniform(-40, 40)))
-        parts.append((shift(leaf, (0.8 * at[0], 0.8 * at[1], 0.66 * tall + at[2])), shades[i % 3]))
+    grow = (_rosette, _cactus, _bush)[rng.integers(3)]
+    parts: list[Part] = [(mesh, shades[i % 3]) for i, mesh in enumerate(grow(rng, reach, tall))]
+    if grow is _bush:
+        stem = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.4 * tall), (0.0, 0.0, 0.8 * tall))
+        parts.append((tube(stem, 0.05 * reach), Material((96, 74, 50))))
     return parts
 
 
-def _plant(rng: np.random.Generator, scale: float) -> list[Part]:
+def _rosette(rng: np.random.Generator, reach: float, tall: float) -> list[Mesh]:
+    """Leaves from the middle, as an aloe's or a lily's."""
+    leaves = []
+    for i in range(int(rng.integers(9, 15))):
+        steep = float(rng.uniform(15, 80))
+        length = float(rng.uniform(0.75, 1.0)) * min(tall, reach / float(np.cos(np.radians(steep))))
+        leaf = turn(_leaf(length, 0.3 * length, 0.12), -steep, axis="y")
+        leaves.append(turn(leaf, 137.5 * i))
+    return leaves
+
+
+def _cactus(rng: np.random.Generator, reach: float, tall: float) -> list[Mesh]:
+    """One to three ribbed columns."""
+    columns = []
+    for i in range(int(rng.integers(1, 4))):
+        r, h = 0.3 * reach, tall * float(rng.uniform(0.6, 1.0))
+        column = lathe([(r * 0.8, 0.0), (r, 0.3 * h), (r, 0.75 * h), (0.75 * r, 0.92 * h), (0.0, h)], 16)
+        ribs = column.vertices.copy()
+        ribs[::2, :2] *= 0.75
+        away = 0.45 * reach * (i > 0)
+        columns.append(turn(shift(Mesh(ribs, column.faces), (away, 0.0, 0.0)), 120.0 * i))
+    return columns
+
+
+def _bush(rng: np.random.Generator, reach: float, tall: float) -> list[Mesh]:
+    """Leaves all over a ball that a stem holds up."""
+    leaves = []
+    for _ in range(int(rng.integers(26, 40))):
+        at = rng.normal(size=3)
+        at *= np.array([0.5 * reach, 0.5 * reach, 0.3 * tall]) / np.linalg.norm(at)
+        out = float(np.degrees(np.arctan2(at[1], at[0])) + rng.uniform(-40, 40))
+        leaf = turn(_leaf(0.5 * reach, 0.28 * reach, 0.2), float(rng.uniform(-60, 30)), axis="y")
+        leaves.append(shift(turn(leaf, out), np.add(at, (0.0, 0.0, 0.66 * tall))))
+    return leaves
+
+
+def _potted(rng: np.random.Generator, scale: float, *, planted: bool) -> list[Part]:
+    """A pot filled with earth, and what grows in it where something does."""
     outer, body = _pot(rng, scale)
     r, h = outer[-1]
     soil = h - 0.2 * scale
-    tall = scale * float(rng.choice((0.7, 1.4, 2.4)))
-    grown = _foliage(rng, float(rng.uniform(1.0, 1.35)) * r, tall)
-    earth = cylinder(r - _WALL, soil - 0.004, soil)
-    return [
-        (_vessel(outer, soil), body),
-        (earth, _SOIL),
-        *((shift(m, (0.0, 0.0, soil)), p) for m, p in grown),
-    ]
-
-
-def _planter(rng: np.random.Generator, scale: float) -> list[Part]:
-    outer, body = _pot(rng, scale)
-    soil = outer[-1][1] - 0.2 * scale
-    return [(_vessel(outer, soil), body), (cylinder(outer[-1][0] - _WALL, soil - 0.004, soil), _SOIL)]
+    parts: list[Part] = [(_vessel(outer, soil), body), (cylinder(r - _WALL, soil - 0.004, soil), _SOIL)]
+    if planted:
+        tall = scale * float(rng.choice((0.7, 1.4, 2.4)))
+        grown = _foliage(rng, float(rng.uniform(1.0, 1.35)) * r, tall)
+        parts += [(shift(mesh, (0.0, 0.0, soil)), paint) for mesh, paint in grown]
+    return parts
 
 
 def house_plant(rng: np.random.Generator) -> list[Part]:
     """A pot for a table with leaves, a cactus or a bush in it."""
-    return _plant(rng, float(rng.uniform(0.065, 0.09)))
+    return _potted(rng, float(rng.uniform(*_ON_TABLE)), planted=True)
 
 
 def tall_plant(rng: np.random.Generator) -> list[Part]:
     """The same for the floor."""
-    return _plant(rng, float(rng.uniform(0.13, 0.17)))
+    return _potted(rng, float(rng.uniform(*_ON_FLOOR)), planted=True)
 
 
 def planter(rng: np.random.Generator) -> list[Part]:
     """A pot for a table with earth in it, no more."""
-    return _planter(rng, float(rng.uniform(0.065, 0.09)))
+    return _potted(rng, float(rng.uniform(*_ON_TABLE)), planted=False)
 
 
 def tall_planter(rng: np.random.Generator) -> list[Part]:
     """The same for the floor."""
-    return _planter(rng, float(rng.uniform(0.13, 0.17)))
+    return _potted(rng, float(rng.uniform(*_ON_FLOOR)), planted=False)
 
 
 def garbage_can(rng: np.random.Generator) -> list[Part]:
     """Deep and open with a bag over the rim, or under a lid with a flap and a pedal in front."""
-    outer, body = _pot(rng, float(rng.uniform(0.13, 0.17)))
+    outer, body = _pot(rng, float(rng.uniform(*_ON_FLOOR)))
     r, h = outer[-1]
     if rng.random() < 0.65:
-        parts: list[Part] = [(_vessel(outer, 0.03), body), (cylinder(0.8 * outer[0][0], 0.03, 0.034), DARK)]
+        parts: list[Part] = [(_vessel(outer, 0.3 * h), body)]
         if rng.random() < 0.7:
             bag = lathe(((r + 0.004, 0.82 * h), (r + 0.006, h), (r - 0.01, h + 0.004), (r - 0.012, 0.6 * h)))
             parts.append((bag, LIGHT if rng.random() < 0.6 else DARK))
         for _ in range(int(rng.integers(0, 4))):  # crumpled paper
-            crumple = shift(
-                lathe(((0.0, 0.0), (0.04, 0.03), (0.03, 0.06), (0.0, 0.07)), 7),
-                (*rng.uniform(-0.3, 0.3, 2) * r, 0.35 * h),
-            )
+            crumple = lathe(((0.0, 0.0), (0.04, 0.03), (0.03, 0.06), (0.0, 0.07)), 7)
+            crumple = shift(crumple, (*rng.uniform(-0.3, 0.3, 2) * r, 0.3 * h))
             parts.append((crumple, LIGHT))
         return parts
     lid = lathe(((1.04 * r, h), (1.04 * r, h + 0.02), (0.8 * r, h + 0.05), (0.0, h + 0.06)))

@@ -1,7 +1,7 @@
 """What stands in the room that stands in for a scene: furniture, things of THOR's classes, look-alikes.
 
-A scene's name fixes all of it. No two scenes have a thing in common, so that a class has to be recognised in
-things that were not seen in training.
+A scene's name fixes all of it. Furniture may stand in several, but no small thing does, so that a class has
+to be recognised in things that were not seen in training.
 """
 
 from __future__ import annotations
