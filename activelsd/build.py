@@ -53,6 +53,7 @@ class WorldKind(NamedTuple):
     graph: Callable[[Any, Progress | None], ViewGraph]  # from its settings
     backend: Callable[[Any], str]  # what makes the pictures, from its settings
     options: Callable[[Any], dict[str, Any]]  # the environment's keyword arguments, from its settings
+    simulated: bool = False  # its views are recorded from a simulator
 
 
 def _modelnet_options(settings: ModelNetSettings) -> dict[str, Any]:
@@ -144,6 +145,7 @@ WORLDS: dict[str, WorldKind] = {
         graph=_thor_graph,
         backend=lambda settings: settings.backend,
         options=lambda settings: _thor_options(settings) | {"live": settings.live},
+        simulated=True,
     ),
 }
 """Every world, by the name its settings have."""

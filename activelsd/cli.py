@@ -86,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
                 default=[],
                 help="a run per value; may be repeated",
             )
-        if name in ("train", "prepare"):
+        if name in ("train", "prepare", "record"):
             sub.add_argument(
                 "--dry-run", action="store_true", help="print every setting, explained, and stop"
             )
@@ -170,6 +170,18 @@ def _prepare(arguments: argparse.Namespace, words: list[str]) -> int:
         print(f"{len(graph.frames)} views of {graph.size} pixels")
         print(f"Starts of episodes: {starts}")
     return 0
+
+
+def _record(arguments: argparse.Namespace, words: list[str]) -> int:
+    from activelsd.build import WORLDS
+    from activelsd.compose import resolve
+
+    for name, world in resolve(words).worlds.items():
+        if not WORLDS[world.name].simulated:
+            raise UserError(
+                f"env={name} has no simulator to record; its views are made by: activelsd prepare env={name}"
+            )
+    return _prepare(arguments, words)
 
 
 def _evaluate(arguments: argparse.Namespace, words: list[str]) -> int:
@@ -267,6 +279,11 @@ VERBS = {
         _prepare,
         "prepare env=modelnet [env.key=value …] [--dry-run]",
         "Bring a world's views into the cache",
+    ),
+    "record": Verb(
+        _record,
+        "record env=thor [env.key=value …] [--dry-run]",
+        "Walk a simulator's rooms once and keep all views",
     ),
     "envs": Verb(_envs, "envs", "List the worlds"),
     "doctor": Verb(_doctor, "doctor", "Report what this machine offers"),

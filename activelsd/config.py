@@ -196,8 +196,8 @@ class THORSettings(Section):
         description="types of objects to name",
     )
     size: int = Field(64, ge=32, le=512, description="side of frames and crops in pixels")
-    width: int = Field(300, ge=64, le=1920, description="of the simulator's pictures, in pixels")
-    height: int = Field(300, ge=64, le=1920, description="of the simulator's pictures, in pixels")
+    width: int = Field(224, ge=64, le=1920, description="of the simulator's pictures, in pixels")
+    height: int = Field(224, ge=64, le=1920, description="of the simulator's pictures, in pixels")
     field_of_view: float = Field(90.0, ge=20, le=150, description="degrees from top to bottom")
     step: float = Field(0.25, ge=0.05, le=1, description="metres between places")
     horizons: tuple[Annotated[float, Field(ge=-30, le=60)], ...] = Field(

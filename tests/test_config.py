@@ -141,7 +141,7 @@ def test_other_half_of_a_nested_default_stays() -> None:
         ("policy.memory=pol", "policy.memory=pol: must be 'stack', 'lstm' or 'pool'; did you mean pool?"),
         ("name=a/b", "name=a/b: must be letters, digits and . _ + - only, or null."),
         ("policy=paper env.size=32", "policy.trunk=alexnet needs env.size of at least 63 pixels, not 32."),
-        ("env.name=moon", "There is no world 'moon'; there are modelnet, avd."),
+        ("env.name=moon", "There is no world 'moon'; there are modelnet, avd, thor."),
         ("word", "'word' is not a setting; write key=value, as in env=modelnet or seed=1."),
     ],
 )
@@ -164,7 +164,7 @@ def test_a_world_is_needed() -> None:
             "train.gama is not a setting (in {file}); did you mean train.gamma?",
         ),
         ("env: modelnet\ntrain: {gamma: x}", "train.gamma=x (in {file}): must be a number."),
-        ("env: mars", "There is no env preset 'mars' (in {file}); there are avd, modelnet."),
+        ("env: mars", "There is no env preset 'mars' (in {file}); there are avd, modelnet, thor."),
         ("- a\n- b", "{file} holds no settings; write one `key: value` a line."),
         ("a: [", "{file} is not YAML: while parsing"),
     ],

@@ -6,7 +6,8 @@ names; the oracle alone is told where it is.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import torch
@@ -94,14 +95,10 @@ class Look(NamedTuple):
     """What a searcher sees."""
 
     middle: float  # of the box, from -0.5 at the left to 0.5 at the right
+    height: float  # the same from the top to the bottom
     area: float  # of the box as a fraction of the frame, 0 out of sight
     cut: bool  # the box is at the frame's border: some of the target may be beyond
     stuck: bool  # the last move changed nothing
-
-    @property
-    def centred(self) -> bool:
-        """Whether the target is in sight and straight ahead."""
-        return self.area > 0 and abs(self.middle) <= CENTRED
 
 
 Search = Generator[str, Look, Look]
@@ -112,17 +109,18 @@ def _look(target: Sequence[float], stuck: bool) -> Look:
     """From the target's box and whether the last move changed nothing."""
     cx, cy, width, height, present = target
     edges = (cx - width / 2, cy - height / 2, 1 - cx - width / 2, 1 - cy - height / 2)
-    return Look(cx - 0.5, width * height * present, present > 0 and min(edges) < BORDER, stuck)
+    return Look(cx - 0.5, cy - 0.5, width * height * present, present > 0 and min(edges) < BORDER, stuck)
 
 
-def object_search(look: Look) -> Search:
+def object_search(look: Look, *, tilts: bool = False) -> Search:
     """Turn until the target is seen, centre it, and approach until it no longer grows; then it is over.
 
-    A step that brings it so near that the frame cuts it off is taken back.
+    A step that brings it so near that the frame cuts it off is taken back. Where the camera `tilts`, it is
+    centred from top to bottom too.
     """
     while not look.area:
         look = yield from _look_around(look)
-    look = yield from _centre(look)
+    look = yield from _centre(look, tilts)
     detours = 0
     while look.area:
         if look.cut:
@@ -138,7 +136,7 @@ def object_search(look: Look) -> Search:
             # A step too far is taken back where it lost the target.
             return look if look.area else (yield "backward")
         if look.area:
-            look = yield from _centre(look)
+            look = yield from _centre(look, tilts)
     return look
 
 
@@ -155,15 +153,23 @@ def _look_around(look: Look) -> Search:
     return look
 
 
-def _centre(look: Look) -> Search:
-    """Turn towards the target while that helps; a turn that does not is taken back."""
-    while not look.centred:
+def _centre(look: Look, tilts: bool) -> Search:
+    """Turn, and tilt, towards the target."""
+    look = yield from _towards(look, attrgetter("middle"), "rotate_cw", "rotate_ccw")
+    if tilts and look.area:
+        look = yield from _towards(look, attrgetter("height"), "look_down", "look_up")
+    return look
+
+
+def _towards(look: Look, off: Callable[[Look], float], more: str, less: str) -> Search:
+    """Make one of two opposite moves while it brings the target nearer to the middle; else take it back."""
+    while abs(off(look)) > CENTRED:
         before = look
-        turn, back = ("rotate_cw", "rotate_ccw") if look.middle > 0 else ("rotate_ccw", "rotate_cw")
-        look = yield turn
+        move, back = (more, less) if off(look) > 0 else (less, more)
+        look = yield move
         if look.stuck:
             return look
-        if not look.area or abs(look.middle) >= abs(before.middle):
+        if not look.area or abs(off(look)) >= abs(off(before)):
             return (yield back)
     return look
 
@@ -196,10 +202,14 @@ class ObjectSearch(Trained):
     """Searches by rule (see `object_search`); the network recognises at the end of the search."""
 
     MOVES = ("forward", "backward", "left", "right", "rotate_cw", "rotate_ccw")
+    TILTS = ("look_up", "look_down")
 
     def __init__(self, network: LSDNet) -> None:
         super().__init__(network, "object_search")
-        self._number = {name: move_of(network, name, self.name) for name in self.MOVES}
+        moves = network.tree.leaves[network.tree.branches.index(NAVIGATE)]
+        self._tilts = all(name in moves for name in self.TILTS)
+        named = self.MOVES + (self.TILTS if self._tilts else ())
+        self._number = {name: move_of(network, name, self.name) for name in named}
         self._blocked = Blocked()
 
     def begin(self, batch: int) -> None:
@@ -225,7 +235,7 @@ class ObjectSearch(Trained):
         search = self._searches[place]
         try:
             if begins:
-                search = self._searches[place] = object_search(look)
+                search = self._searches[place] = object_search(look, tilts=self._tilts)
                 return self._number[next(search)]
             return -1 if search is None else self._number[search.send(look)]
         except StopIteration:

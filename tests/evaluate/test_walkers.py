@@ -95,17 +95,19 @@ def test_object_search_ends_near_the_target(walls: list[tuple[int, int]]) -> Non
     assert np.mean([row.views for row in rows]) < 2.5 * graph.oracle_views.mean()
 
 
-def searched(looks: list[Look], first: Look) -> list[str]:
+def searched(looks: list[Look], first: Look, *, tilts: bool = False) -> list[str]:
     """What the search does when it sees these one after the other; it must end with the last."""
-    search = object_search(first)
+    search = object_search(first, tilts=tilts)
     moves = [next(search), *(search.send(look) for look in looks[:-1])]
     with pytest.raises(StopIteration):
         search.send(looks[-1])
     return moves
 
 
-def look(middle: float = 0.0, area: float = 0.0, stuck: bool = False, cut: bool = False) -> Look:
-    return Look(middle, area, cut, stuck)
+def look(
+    middle: float = 0.0, area: float = 0.0, stuck: bool = False, cut: bool = False, height: float = 0.0
+) -> Look:
+    return Look(middle, height, area, cut, stuck)
 
 
 def test_object_search_goes_by_its_rules() -> None:
@@ -139,6 +141,22 @@ def test_object_search_goes_by_its_rules() -> None:
     # Nothing in sight all around: somewhere else, and around again.
     moves = searched([look()] * 11 + [look(stuck=True), look(), look(0, 0.5), look(0, 0.4)], look())
     assert moves == ["rotate_cw"] * 11 + ["forward", "left", "rotate_cw", "forward"]
+
+
+def test_object_search_tilts_where_it_can() -> None:
+    low, level = look(0.4, 0.1, height=0.4), look(0, 0.1, height=0.4)
+    assert searched([level, look(0, 0.2), look(0, 0.1)], low) == ["rotate_cw", "forward", "forward"]
+    moves = searched([level, look(0, 0.1, height=0.1), look(0, 0.1)], low, tilts=True)
+    assert moves == ["rotate_cw", "look_down", "forward"]
+    # One that does not help is taken back; one that is blocked is not tried again.
+    high = look(0, 0.1, height=-0.4)
+    assert searched([look(0, 0.1, height=0.45), high, high], high, tilts=True) == [
+        "look_up",
+        "look_down",
+        "forward",
+    ]
+    blocked = look(0, 0.1, stuck=True, height=-0.4)
+    assert searched([blocked, look(0, 0.1)], high, tilts=True) == ["look_up", "forward"]
 
 
 def test_forward_walks_on_and_turns_where_it_is_blocked() -> None:

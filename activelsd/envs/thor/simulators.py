@@ -32,8 +32,8 @@ class SimulatorSettings(NamedTuple):
 
     backend: str = AI2THOR
     executable: str | None = None  # of AI2-THOR's player; None for the build that its client downloads
-    width: int = 300  # pixels
-    height: int = 300
+    width: int = 224  # pixels
+    height: int = 224
     field_of_view: float = 90.0  # degrees from top to bottom
     step: float = 0.25  # metres between places
     x_displays: tuple[str, ...] = ()  # AI2-THOR: each process takes the next; none: $DISPLAY
