@@ -113,7 +113,8 @@ class LSDNet(nn.Module):
 
         Args:
             observation: `frames` uint8 (L, B, K, S, S), `target` (L, B, K, 5), `crops` like frames; where
-                a world cuts none, its frames stand for them, since the target fills them.
+                a world cuts none, its frames stand for them, since the target fills them. While learning
+                also `dropout` float (L, B, width), factors of what the memory gives.
             state: (B, width) memory before the first step.
             first: (L, B) bool, where an episode begins.
         """
@@ -121,6 +122,8 @@ class LSDNet(nn.Module):
         pictures = observation.get("crops", frames) if self.shape.crops else frames
         features = self.trunk(as_input(pictures.flatten(0, 1))).unflatten(0, first.shape)
         remembered, state = self.memory(features, state, first)
+        if "dropout" in observation:
+            remembered = remembered * observation["dropout"]
         joined = torch.cat([remembered, target], -1)
         logits, value = self.policy(joined), self.value(joined).squeeze(-1)
         if self.surroundings is not None:

@@ -73,6 +73,9 @@ class TrainSettings(BaseModel):
         True, description="resident: crops of targets are cut and lit otherwise in every episode"
     )
     mirror: bool = Field(False, description="resident: every other episode is seen in a mirror")
+    dropout: float = Field(
+        0.0, ge=0, lt=1, description="resident: share of the memory's features left out at every look"
+    )
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 
     gamma: float = Field(0.98, ge=0, le=1, description="discount per action")

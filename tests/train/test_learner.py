@@ -22,7 +22,7 @@ from tests.graphs import ring_graph
 
 
 def rollout_of(
-    memory: str = "pool", head: str = "tree", rules: str = "V4", **settings: Any
+    memory: str = "pool", head: str = "tree", rules: str = "V4", dropout: float = 0.0, **settings: Any
 ) -> tuple[LSDNet, Rollout]:
     """A second rollout, so that episodes and memory reach over from the first."""
     graph = ring_graph()
@@ -30,15 +30,18 @@ def rollout_of(
         tree_of(graph), NetworkShape(memory=memory, head=head, size=graph.size, features=32), 1
     )
     env = ViewGraphVectorEnv(graph, PRESETS[rules], num_envs=6, frames=1)
-    actors = ResidentActors(env, network, settings.get("length", 5), seed=2)
+    actors = ResidentActors(env, network, settings.get("length", 5), seed=2, dropout=dropout)
     actors.collect(Epsilon(0.5, 0.5))
     return network, actors.collect(Epsilon(0.5, 0.5))
 
 
 @pytest.mark.parametrize("memory", ["stack", "lstm", "pool"])
 @pytest.mark.parametrize("head", ["tree", "flat"])
-def test_kept_acting_pass_gives_the_gradient_of_a_pass_of_its_own(memory: str, head: str) -> None:
-    network, rollout = rollout_of(memory, head)
+@pytest.mark.parametrize("dropout", [0.0, 0.5])
+def test_kept_acting_pass_gives_the_gradient_of_a_pass_of_its_own(
+    memory: str, head: str, dropout: float
+) -> None:
+    network, rollout = rollout_of(memory, head, dropout=dropout)
     learner = Learner(network, TrainSettings())
     gradients = []
     for given in (rollout, replace(rollout, output=None)):
@@ -48,6 +51,23 @@ def test_kept_acting_pass_gives_the_gradient_of_a_pass_of_its_own(memory: str, h
     assert any(float(g.abs().max()) > 0 for g in gradients[0])
     for kept, again in zip(*gradients, strict=True):
         torch.testing.assert_close(kept, again, rtol=1e-4, atol=1e-6)
+
+
+def test_dropout_leaves_out_a_share_of_the_features_at_every_look() -> None:
+    network, rollout = rollout_of(dropout=0.25)
+    factors = rollout.observation["dropout"]
+    assert factors.shape == (*rollout.first.shape, network.memory.outputs)
+    assert factors.unique().tolist() == pytest.approx([0, 4 / 3])
+    assert float(factors.mean()) == pytest.approx(1, abs=0.05)
+    assert not torch.equal(factors[0], factors[1])
+    assert "dropout" not in rollout_of()[1].observation
+    # What comes after the rollout is valued by all features.
+    env = ViewGraphVectorEnv(ring_graph(), PRESETS["V4"], num_envs=6, frames=1)
+    actors = ResidentActors(env, network, 5, seed=2, dropout=0.25)
+    bootstrap = actors.collect(Epsilon(0.5, 0.5)).bootstrap
+    observation = {name: value[None] for name, value in env.observe().items()}
+    again = network(observation, actors._memory, actors._first[None]).value[0]
+    assert torch.equal(bootstrap, again)
 
 
 def test_learning_rate_falls_linearly_to_zero() -> None:

@@ -66,15 +66,15 @@ def test_a_seed_repeats_a_run_and_another_does_not(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("memory", ["stack", "lstm", "pool"])
-@pytest.mark.parametrize("optimiser", ["adam", "rmsprop"])
-def test_resume_goes_on_to_the_bit(tmp_path: Path, memory: str, optimiser: str) -> None:
+@pytest.mark.parametrize("changed", [{"optimiser": "rmsprop"}, {"dropout": 0.5}], ids=str)
+def test_resume_goes_on_to_the_bit(tmp_path: Path, memory: str, changed: dict[str, Any]) -> None:
     whole, halved = new_run(tmp_path, "whole"), new_run(tmp_path, "halved")
-    trainer(whole, memory, optimiser=optimiser).train()
-    first = trainer(halved, memory, optimiser=optimiser)
+    trainer(whole, memory, **changed).train()
+    first = trainer(halved, memory, **changed)
     while first.step < 480:
         first._update(_Forgets())  # type: ignore[arg-type]
     first.save()
-    trainer(halved, memory, optimiser=optimiser, resume=True).train()
+    trainer(halved, memory, resume=True, **changed).train()
     assert_same(weights(whole), weights(halved))
 
 

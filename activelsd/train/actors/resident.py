@@ -32,9 +32,14 @@ class ResidentActors:
         *,
         vary_crops: bool = False,
         mirror: bool = False,
+        dropout: float = 0.0,
     ) -> None:
-        """Start B episodes; `seed` fixes which, how actions are drawn and, if asked for, how they vary."""
-        self.env, self.network, self.length = env, network, length
+        """Start B episodes; `seed` fixes which, how actions are drawn and, if asked for, how they vary.
+
+        By `dropout` (Srivastava et al. 2014) the network acts, and learns, with that share of its memory's
+        features left out, each look with others. Values that returns are built on are of all features.
+        """
+        self.env, self.network, self.length, self._dropout = env, network, length, dropout
         self.places = env.places if isinstance(env, JointVectorEnv) else {}
         self._generator = torch.Generator(env.device).manual_seed(seed)
         parts = list(env.parts.values()) if isinstance(env, JointVectorEnv) else [env]
@@ -52,7 +57,7 @@ class ResidentActors:
         outputs: list[Output] = []
         steps: list[Step] = []
         for _ in range(self.length):
-            observation = vary.look(env.observe(), self._first)
+            observation = self._dropped(vary.look(env.observe(), self._first))
             mask = vary.mask(env.mask())
             output = self.network(_one(observation), memory, self._first[None])
             drawn = self.network.distribution(output.logits[0].detach(), mask, epsilon)
@@ -89,6 +94,14 @@ class ResidentActors:
             ),
         )
 
+    def _dropped(self, observation: dict[str, Tensor]) -> dict[str, Tensor]:
+        """The observation with the factors of the features that are kept, if any are to be left out."""
+        if not self._dropout:
+            return observation
+        shape = (self.env.num_envs, self.network.memory.outputs)
+        drawn = torch.rand(shape, generator=self._generator, device=self.env.device)
+        return observation | {"dropout": (drawn >= self._dropout) / (1 - self._dropout)}
+
     def measures(self) -> dict[str, float]:
         """Nothing beside what rollouts say."""
         return {}
@@ -119,7 +132,13 @@ def on_recordings(
     def make(network: LSDNet, seed: int) -> ResidentActors:
         env = play_recordings(worlds, num_envs=settings.envs, frames=frames, device=device)
         return ResidentActors(
-            env, network, settings.length, seed, vary_crops=settings.vary_crops, mirror=settings.mirror
+            env,
+            network,
+            settings.length,
+            seed,
+            vary_crops=settings.vary_crops,
+            mirror=settings.mirror,
+            dropout=settings.dropout,
         )
 
     return make
