@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -37,6 +38,7 @@ from activelsd.train.actors.ga3c.actors import GA3CActors
 from activelsd.train.actors.ga3c.player import Env
 from activelsd.train.actors.ga3c.process import EnvSpec
 from activelsd.train.actors.protocol import MakeActors
+from activelsd.train.actors.ray.actors import RayActors
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.parallel import started_together
 
@@ -164,6 +166,16 @@ def build_backend(settings: World) -> str:
     return WORLDS[settings.name].backend(settings)
 
 
+def open_recordings(
+    worlds: Mapping[str, World], graph: Callable[[World], ViewGraph] = build_graph
+) -> list[Recording]:
+    """Worlds by their names, to play; `graph` opens the views of each, from this machine's cache."""
+    return [
+        Recording(name, graph(own), build_rules(own.rules), build_backend(own))
+        for name, own in worlds.items()
+    ]
+
+
 def build_rules(settings: RulesSettings) -> EpisodeRules:
     """The preset's rules with what the settings change of them."""
     changes = settings.model_dump(exclude={"preset"}, exclude_none=True)
@@ -188,6 +200,9 @@ def build_actors(config: RunConfig, worlds: Sequence[Recording], device: str) ->
     settings, frames = config.train, config.policy.frames
     if settings.actors == "resident":
         return on_recordings(worlds, settings, frames=frames, device=device)
+    if settings.actors == "ray":
+        reopen = partial(open_recordings, config.worlds)
+        return lambda network, seed: RayActors(reopen, worlds, network, settings, seed)
     ((name, graph, rules, backend),) = worlds
     own = config.worlds[name]
 
@@ -209,8 +224,12 @@ def build_threads(config: RunConfig) -> int | None:
 
     Under GA3C, predictors and learner compute at the same time beside the agents, and two of PyTorch's
     threads that want one core are far slower than one, so each of them gets its share of half the cores.
+    Workers of a Ray cluster that is this machine take a core each, and the learner has what is left.
     """
-    if config.threads is not None or config.train.actors == "resident":
+    own = config.train.ray
+    if config.train.actors == "ray" and config.threads is None and own.address is None:
+        return max(1, cores() - own.workers)
+    if config.threads is not None or config.train.actors != "ga3c":
         return config.threads
     return max(1, cores() // (2 * (1 + config.train.ga3c.predictors)))
 

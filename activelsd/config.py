@@ -316,6 +316,16 @@ class RunConfig(Section):
             )
         if self.train.actors == "ga3c" and len(self.worlds) > 1:
             raise ValueError("train.actors=ga3c plays one world; for several set train.actors=resident")
+        if self.train.actors == "ray":
+            if self.train.vtrace is False:
+                raise ValueError(
+                    "train.vtrace=false would leave the lag of train.actors=ray uncorrected; leave it out"
+                )
+            if self.train.ray.envs_per_worker < len(self.worlds):
+                raise ValueError(
+                    f"train.ray.envs_per_worker={self.train.ray.envs_per_worker} leaves a world of"
+                    f" {len(self.worlds)} without any; set it to at least that"
+                )
         return self
 
 

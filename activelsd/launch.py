@@ -10,12 +10,11 @@ from pathlib import Path
 from activelsd.build import (
     STAND_INS,
     build_actors,
-    build_backend,
     build_device,
     build_graph,
-    build_rules,
     build_shape,
     build_threads,
+    open_recordings,
 )
 from activelsd.compose import change, load
 from activelsd.config import RunConfig, World, dump
@@ -49,10 +48,7 @@ def open_worlds(config: RunConfig, group: Group = ALONE) -> list[Recording]:
     """Every world of a config, to play; the first process of a group prepares what is not prepared yet."""
     if group.rank > 0:
         group.wait()
-    worlds = [
-        Recording(name, open_graph(settings), build_rules(settings.rules), build_backend(settings))
-        for name, settings in config.worlds.items()
-    ]
+    worlds = open_recordings(config.worlds, open_graph)
     if group.rank == 0:
         group.wait()
     return worlds

@@ -67,6 +67,10 @@ class CacheError(DataError):
     """Raised when the cache cannot be written: what is wrong is not the data."""
 
 
+class CacheBusyError(CacheError):
+    """Raised when another process is preparing the same file."""
+
+
 class PartialGraph:
     """A graph whose pictures arrive in blocks: all frames of an object, or a photograph and its crops.
 
@@ -200,7 +204,8 @@ def alone(path: Path) -> Iterator[None]:
     """Keep other processes from preparing the same file; a lock falls with its process.
 
     Raises:
-        CacheError: another process has it, or it cannot be written.
+        CacheBusyError: another process has it.
+        CacheError: it cannot be written.
     """
     lock = path.with_name(path.name + ".lock")
     while True:
@@ -210,7 +215,7 @@ def alone(path: Path) -> Iterator[None]:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise CacheError(f"Another process is preparing {path}; wait until it is done.") from None
+                raise CacheBusyError(f"Another process is preparing {path}; wait until it is done.") from None
             if not _is_at(file.fileno(), lock):  # removed by the one who had it, after this one opened it
                 continue
             try:

@@ -143,6 +143,11 @@ class JointVectorEnv:
         return zip(self.parts.values(), self._names, strict=True)
 
 
+def shares(num_envs: int, worlds: int) -> list[int]:
+    """As even a share of environments as can be for each of several worlds."""
+    return [num_envs // worlds + (i < num_envs % worlds) for i in range(worlds)]
+
+
 def play_recordings(
     worlds: Sequence[Recording], *, num_envs: int, frames: int, device: str | torch.device = "cpu"
 ) -> ViewGraphVectorEnv | JointVectorEnv:
@@ -157,8 +162,7 @@ def play_recordings(
             f"train.envs={num_envs} leaves a world of {len(worlds)} without any; set it to at least that."
         )
     parts = {}
-    for i, world in enumerate(worlds):
-        share = num_envs // len(worlds) + (i < num_envs % len(worlds))
+    for world, share in zip(worlds, shares(num_envs, len(worlds)), strict=True):
         parts[world.name] = ViewGraphVectorEnv(
             world.graph,
             world.rules,

@@ -82,7 +82,7 @@ class Learner:
         ended = rollout.terminated | rollout.truncated
         distribution = self.network.distribution(output.logits, rollout.mask, rollout.epsilon)
         gamma, advantages = settings.gamma, None
-        if settings.vtrace and rollout.behaviour is not None:
+        if settings.corrects_lag and rollout.behaviour is not None:
             ratios = distribution.log_prob(rollout.actions).detach() - rollout.behaviour
             returns, advantages = vtrace(
                 ratios, rewards, ended, output.value.detach(), rollout.bootstrap, gamma

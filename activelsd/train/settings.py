@@ -58,30 +58,54 @@ class GA3CSettings(BaseModel):
     dynamic_every_s: float = Field(60.0, gt=0, description="seconds that each try of that is measured")
 
 
+class RaySettings(BaseModel):
+    """Workers of `train.actors=ray`: agents with the policy and recorded views beside them, in a cluster."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    address: str | None = Field(
+        None, description="cluster to join, as host:port or auto; null: one is started here for the run"
+    )
+    workers: int = Field(4, ge=1, description="agents in all; each takes a CPU wherever there is one")
+    envs_per_worker: int = Field(16, ge=1, description="episodes that an agent plays side by side")
+    training_batch: int | None = Field(
+        None, ge=1, description="rollouts of an update, whoever has them first; null: as many as workers"
+    )
+    start_timeout_s: float = Field(
+        600.0, gt=0, description="seconds that a worker may take to find room, and then to open its worlds"
+    )
+    timeout_s: float = Field(60.0, gt=0, description="seconds that a rollout may take, weights included")
+    restarts: int = Field(10, ge=0, description="how often a worker is replaced before training gives up")
+
+
 class TrainSettings(BaseModel):
     """How long, how fast and by which loss."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     steps: int = Field(2_000_000, ge=1, description="environment steps in all")
-    actors: Literal["resident", "ga3c"] = Field(
-        "resident", description="who plays: views on the learner's device, or agents with batched prediction"
+    actors: Literal["resident", "ga3c", "ray"] = Field(
+        "resident",
+        description="who plays: views on the learner's device, agents with batched prediction, or a cluster",
     )
     envs: int = Field(64, ge=1, description="resident: episodes played side by side")
     ga3c: GA3CSettings = Field(GA3CSettings(), description="agents with batched prediction")
+    ray: RaySettings = Field(RaySettings(), description="agents in a Ray cluster; recorded views only")
     vary_crops: bool = Field(
-        True, description="resident: crops of targets are cut and lit otherwise in every episode"
+        True, description="resident, ray: crops of targets are cut and lit otherwise in every episode"
     )
-    mirror: bool = Field(False, description="resident: every other episode is seen in a mirror")
+    mirror: bool = Field(False, description="resident, ray: every other episode is seen in a mirror")
     dropout: float = Field(
-        0.0, ge=0, lt=1, description="resident: share of the memory's features left out at every look"
+        0.0, ge=0, lt=1, description="resident, ray: share of the memory's features left out at every look"
     )
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 
     gamma: float = Field(0.98, ge=0, le=1, description="discount per action")
     reward_clip: float | None = Field(None, gt=0, description="clip rewards to plus or minus this")
     bootstrap_at_limit: bool = Field(False, description="an episode cut at max_views is valued on, not ended")
-    vtrace: bool = Field(False, description="correct returns for the lag of ga3c's actors")
+    vtrace: bool | None = Field(
+        None, description="correct returns for the actors' lag; null: with ray, whose lag is longer"
+    )
     value_weight: float = Field(0.5, ge=0, description="weight of the value loss")
     supervised: float = Field(
         1.0, ge=0, description="weight of cross-entropy on the class branch at every view"
@@ -104,3 +128,8 @@ class TrainSettings(BaseModel):
     evaluate_every: int = Field(150_000, ge=1, description="steps between two looks at the validation split")
     checkpoint_every: int = Field(50_000, ge=1, description="steps between two checkpoints")
     loggers: list[str] = Field(["tensorboard"], description="where metrics go beside metrics.jsonl")
+
+    @property
+    def corrects_lag(self) -> bool:
+        """Whether V-trace is on."""
+        return self.actors == "ray" if self.vtrace is None else self.vtrace
