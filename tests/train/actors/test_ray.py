@@ -48,12 +48,12 @@ def network_for(worlds: Sequence[Recording]) -> LSDNet:
     return new_network(tree, NetworkShape(size=GRAPH.size, features=16), 1)
 
 
-def settings_of(**ray: Any) -> TrainSettings:
+def settings_of(dropout: float = 0.0, **ray: Any) -> TrainSettings:
     chosen = {"workers": 2, "envs_per_worker": 3, **ray}
-    return TrainSettings(actors="ray", length=4, ray=RaySettings(**chosen))
+    return TrainSettings(actors="ray", length=4, dropout=dropout, ray=RaySettings(**chosen))
 
 
-def worker_of(open_worlds: Callable[[], Sequence[Recording]], seed: int = 5) -> Worker:
+def worker_of(open_worlds: Callable[[], Sequence[Recording]], seed: int = 5, dropout: float = 0.0) -> Worker:
     """A worker of this process that has begun."""
     worlds = open_worlds()
     network = network_for(worlds)
@@ -63,7 +63,7 @@ def worker_of(open_worlds: Callable[[], Sequence[Recording]], seed: int = 5) -> 
             fingerprint=fingerprint(worlds),
             tree=network.tree,
             shape=network.shape,
-            settings=settings_of(),
+            settings=settings_of(dropout),
         ),
         seed,
     )
@@ -112,11 +112,13 @@ def test_a_worker_plays_what_resident_actors_play_with_the_weights_it_is_given()
         assert np.array_equal(bootstrap, rollout.bootstrap)
 
 
-def test_without_lag_nothing_is_corrected_and_with_it_something_is() -> None:
+@pytest.mark.parametrize("dropout", [0.0, 0.5])
+def test_without_lag_nothing_is_corrected_and_with_it_something_is(dropout: float) -> None:
     pytest.importorskip("ray", reason=REASON)
     crew = actors()
     network, settings = crew._network, settings_of()
-    played = [(worker_of(recordings.rings, seed).play(weights_of(network), 0, EPSILON), 0) for seed in (1, 2)]
+    workers = [worker_of(recordings.rings, seed, dropout) for seed in (1, 2)]
+    played = [(worker.play(weights_of(network), 0, EPSILON), 0) for worker in workers]
     rollout = crew._rollout(played, EPSILON)
     assert rollout.rewards.shape == (4, 6)
     corrected = Learner(network, settings).losses(rollout, 0.0).total.item()

@@ -159,5 +159,7 @@ class RayActors:
             for columns in self._columns.values()
             for one, version in played
         ]
-        rollout, _ = batch(trajectories, tuple(self._space), network.tree.span(CLASSIFY), epsilon, device)
+        # What is left out by dropout is part of what was seen.
+        parts = [name for name in (*self._space, "dropout") if name in trajectories[0].steps]
+        rollout, _ = batch(trajectories, parts, network.tree.span(CLASSIFY), epsilon, device)
         return rollout
