@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from activelsd.evaluate.compare import Comparison, Difference, Standing
-from activelsd.evaluate.metrics import Group as Episodes
 from activelsd.evaluate.metrics import Interval
 
 if TYPE_CHECKING:
@@ -47,22 +46,20 @@ def _more(comparison: Comparison) -> Iterator[RenderableType]:
     reference = comparison.reference
     if not reference.difficulties and reference.spl is None:
         return
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("By difficulty of the start" if reference.difficulties else "Player", no_wrap=True)
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("By difficulty" if reference.difficulties else "Player", no_wrap=True)
     for group in reference.difficulties:
         table.add_column(f"{group.name}, {group.episodes}", no_wrap=True)
     if reference.spl is not None:
         table.add_column("SPL", no_wrap=True)
     for one in comparison.players:
-        cells = [f"{_percent(group)} / {group.views:.2f}" for group in one.difficulties]
-        cells += [] if one.spl is None else [_cell(one.spl, 2, "")]
+        cells = [
+            f"{100 * group.right / group.episodes:.1f} / {group.views:.1f}" for group in one.difficulties
+        ]
+        cells += [] if one.spl is None else [f"{one.spl.mean:.2f}"]
         table.add_row(Text(one.name), *map(Text, cells), style="bold" if one is reference else "")
     yield Text("")
     yield table
-
-
-def _percent(group: Episodes) -> str:
-    return f"{100 * group.right / group.episodes:.1f}"
 
 
 def text(comparison: Comparison, width: int = WIDTH) -> str:
@@ -87,7 +84,7 @@ def notes(comparison: Comparison) -> Iterator[str]:
         f"a wrong answer counts {reference.max_views}."
     )
     if reference.difficulties:
-        yield "By difficulty: number of episodes; accuracy in % / views seen."
+        yield "By difficulty of the first view: number of episodes; accuracy, % / views seen."
     if reference.spl is not None:
         yield "SPL: a right answer counts the oracle's views over those seen, at most 1; a wrong one 0."
     if comparison.gain_closed is not None:
