@@ -114,7 +114,7 @@ def _avd_graph(settings: AVDSettings, progress: Progress | None) -> ViewGraph:
 
 def _thor_options(settings: THORSettings) -> dict[str, Any]:
     """As `_modelnet_options`."""
-    other = {"name", "live", "scenes", "starts", "rules"}
+    other = {"name", "live", "episodes_per_scene", "scenes", "starts", "rules"}
     options = settings.model_dump(mode="json", exclude=other)
     return options | settings.scenes.model_dump() | settings.starts.model_dump()
 
@@ -146,7 +146,10 @@ WORLDS: dict[str, WorldKind] = {
         datasets="rooms of AI2-THOR, or of its stand-in by env.backend=standin",
         graph=_thor_graph,
         backend=lambda settings: settings.backend,
-        options=lambda settings: _thor_options(settings) | {"live": settings.live},
+        options=lambda settings: (
+            _thor_options(settings)
+            | {"live": settings.live, "episodes_per_scene": settings.episodes_per_scene}
+        ),
         simulated=True,
     ),
 }

@@ -183,6 +183,7 @@ class THORSettings(Section):
     live: bool = Field(
         False, description="ga3c: agents walk the simulator itself; else all train on recordings of it"
     )
+    episodes_per_scene: int = Field(20, ge=1, description="live: episodes in a row that are of one scene")
     simulators: int | None = Field(
         None, ge=1, description="how many record; null: one AI2-THOR, or as many stand-ins as cores"
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activelsd.envs.actions import ActionTree
 from activelsd.envs.base import ActiveVisionEnv
@@ -61,11 +62,15 @@ class ViewGraphEnv(ActiveVisionEnv):
         if "episode" in options:
             row = self.graph.find(options["episode"])
         else:
-            key, count = np.array([self._key]), np.array([self._drawn])
-            row = int(self._starts[draw(key, count, len(self._starts))[0]])
+            key, count, starts = np.array([self._key]), np.array([self._drawn]), self.starts()
+            row = int(starts[draw(key, count, len(starts))[0]])
             self._drawn += 1
         self._view, self._target = int(self.graph.start_view[row]), int(self.graph.start_target[row])
         return self.graph.episode(row)
+
+    def starts(self) -> NDArray[np.int64]:
+        """Rows of the graph's starts that the next episode is drawn from."""
+        return self._starts
 
     def look(self) -> View:
         """The recorded view."""

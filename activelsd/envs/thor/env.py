@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activelsd.envs.base import Observation
 from activelsd.envs.cache import default_cache
@@ -210,7 +211,7 @@ class THOREnv(ViewGraphEnv):
     objects in alphabetical order, then the moves of `navigate`. A move into a wall or thing, or beyond the
     last horizon, is blocked: it stays and costs, without asking the simulator. Rewards and ends follow
     `rules`. Episodes begin where recordings of the subset's scenes say that a target is in sight and not yet
-    shown well, drawn uniformly.
+    shown well, drawn uniformly; so many in a row are of one scene, since loading another takes a while.
 
     With `live` the simulator makes every picture; without, they are taken from the recordings. Where the
     simulator is lost, the episode is truncated, `info["cut"]` says why, and `reset` starts another simulator.
@@ -226,6 +227,7 @@ class THOREnv(ViewGraphEnv):
         rules: str | Mapping[str, Any] | EpisodeRules = "V0",
         frames: int = 1,
         live: bool = True,
+        episodes_per_scene: int = 20,
         render_mode: str | None = None,
         **world: Any,
     ) -> None:
@@ -236,6 +238,7 @@ class THOREnv(ViewGraphEnv):
             rules: a preset of Table 1 by name, or rules of your own, also as a dict of their fields.
             frames: K, how many views are stacked.
             live: whether the simulator makes the pictures.
+            episodes_per_scene: how many in a row are of one scene.
             render_mode: `rgb_array` or None.
             **world: see `thor_graph` and `recording_settings`.
         """
@@ -248,7 +251,7 @@ class THOREnv(ViewGraphEnv):
             render_mode=render_mode,
         )
         self._settings = recording_settings(**{k: v for k, v in world.items() if k in _RECORDING})
-        self._live, self._scene = live, ""
+        self._live, self._scene, self._stay = live, "", episodes_per_scene
         self._room: Room | None = None
         self._refused: set[int] = set()  # views where the agent did not land
 
@@ -280,6 +283,16 @@ class THOREnv(ViewGraphEnv):
             if not self._stand(self._view):
                 raise SimulatorLost(f"the agent does not stand where {episode.scene} was recorded")
         return episode
+
+    def starts(self) -> NDArray[np.int64]:
+        """Those of the scene where it is, but for every so many episodes."""
+        starts, graph = super().starts(), self.graph
+        if self._drawn % self._stay == 0:
+            return starts
+        here: NDArray[np.int64] = starts[
+            graph.scene_of[graph.start_view[starts]] == graph.scene_of[self._view]
+        ]
+        return here
 
     def look(self) -> View:
         """What the simulator shows, or the recorded view."""

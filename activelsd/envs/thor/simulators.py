@@ -19,12 +19,9 @@ BACKENDS = (AI2THOR, STANDIN)
 
 Device = TypeVar("Device", str, int)
 
-_STANDIN_SOURCES = (
-    "activelsd.envs.thor",
-    "activelsd.envs.rooms",
-    "activelsd.envs.modelnet.shapes",
-)
-"""Packages on which the stand-in's pictures depend."""
+_STANDIN = ("standin.py", "standin_room.py", "standin_scenes.py")
+_ROOMS = ("activelsd.envs.rooms", "activelsd.envs.modelnet.shapes")
+"""What the stand-in's pictures depend on: modules beside this one, and packages."""
 
 
 class SimulatorSettings(NamedTuple):
@@ -87,12 +84,11 @@ def check_backend(name: str) -> None:
 def build_of(settings: SimulatorSettings) -> str:
     """What the pictures of a simulator depend on beside its settings: its build, or the stand-in's code."""
     if settings.backend == STANDIN:
-        digest = hashlib.sha256()
-        for package in _STANDIN_SOURCES:
-            for module in sorted(resources.files(package).iterdir(), key=lambda one: one.name):
-                if module.name.endswith(".py"):
-                    digest.update(module.read_bytes())
-        return digest.hexdigest()[:16]
+        modules = [resources.files("activelsd.envs.thor") / name for name in _STANDIN]
+        for package in _ROOMS:
+            found = (one for one in resources.files(package).iterdir() if one.name.endswith(".py"))
+            modules += sorted(found, key=lambda one: one.name)
+        return hashlib.sha256(b"".join(one.read_bytes() for one in modules)).hexdigest()[:16]
     if settings.executable is not None:
         file = Path(settings.executable)
         stamp = f" {file.stat().st_size} {file.stat().st_mtime_ns}" if file.exists() else ""

@@ -81,6 +81,17 @@ def test_live_and_recorded_episodes_are_the_same_to_the_byte(world: dict[str, An
     live.close()
 
 
+def test_so_many_episodes_in_a_row_are_of_one_scene(world: dict[str, Any]) -> None:
+    env = THOREnv(**world | {"train": 2, "rooms": ("kitchen", "bedroom")}, live=False, episodes_per_scene=4)
+    env.reset(seed=1)
+    names = [env.reset()[1]["scene"] for _ in range(399)]
+    scenes = np.array([env.reset(seed=1)[1]["scene"], *names]).reshape(100, 4)
+    assert (scenes == scenes[:, :1]).all()
+    counts = [np.count_nonzero(scenes[:, 0] == name) for name in np.unique(scenes)]
+    assert len(counts) == 4
+    assert min(counts) > 10
+
+
 def test_answers_and_blocked_moves_need_no_simulator(
     world: dict[str, Any], simulators: list[FakeSimulator]
 ) -> None:
