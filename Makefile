@@ -1,10 +1,10 @@
-# `make demo` and `make test` each work from a bare clone: they create .venv and install into it.
+# `make demo`, `make demo-thor` and `make test` each work from a bare clone: they create .venv and install into it.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: demo test install lint clean
+.PHONY: demo demo-thor test install lint clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -12,6 +12,12 @@ demo: $(VENV)/installed
 	$(BIN)/activelsd train experiment=demo
 	@echo "== 3/3 Comparing the newest run with its baselines"
 	$(BIN)/activelsd compare --baselines no_move,random_walk,all_views
+
+demo-thor: $(VENV)/installed
+	@echo "== 2/3 Recording rooms of a stand-in for AI2-THOR, then training in them (Ctrl-C leaves what is done)"
+	$(BIN)/activelsd train env=thor env.backend=standin
+	@echo "== 3/3 Comparing the newest run with its baselines"
+	$(BIN)/activelsd compare --baselines no_move,random_walk,object_search,oracle
 
 test: $(VENV)/installed-dev
 	$(BIN)/ruff check .

@@ -152,9 +152,9 @@ class ScenesSettings(Section):
     rooms: tuple[Literal["kitchen", "living_room", "bedroom", "bathroom"], ...] = Field(
         ("kitchen", "living_room", "bedroom", "bathroom"), min_length=1, description="types of rooms"
     )
-    train: int = Field(5, ge=1, le=20, description="scenes of each type to train in")
-    val: int = Field(1, ge=1, le=5, description="scenes of each type to validate in")
-    test: int = Field(2, ge=1, le=5, description="scenes of each type to test in")
+    train: int = Field(20, ge=1, le=20, description="scenes of each type to train in")
+    val: int = Field(2, ge=1, le=5, description="scenes of each type to validate in")
+    test: int = Field(5, ge=1, le=5, description="scenes of each type to test in")
 
 
 class SightsSettings(Section):
@@ -200,7 +200,7 @@ class THORSettings(Section):
     width: int = Field(224, ge=64, le=1920, description="of the simulator's pictures, in pixels")
     height: int = Field(224, ge=64, le=1920, description="of the simulator's pictures, in pixels")
     field_of_view: float = Field(90.0, ge=20, le=150, description="degrees from top to bottom")
-    step: float = Field(0.25, ge=0.05, le=1, description="metres between places")
+    step: float = Field(0.5, ge=0.05, le=1, description="metres between places")
     horizons: tuple[Annotated[float, Field(ge=-30, le=60)], ...] = Field(
         (-30.0, 0.0, 30.0), min_length=1, description="degrees down that the agent can look"
     )

@@ -28,8 +28,8 @@ from activelsd.errors import ConfigError, SimulatorLost, did_you_mean
 if TYPE_CHECKING:
     from activelsd.envs.vector import ViewGraphVectorEnv
 
-PER_ROOM_TYPE = {"train": 5, "val": 1, "test": 2}
-"""Scenes of each type of room, by split: as many as a laptop records while one waits."""
+PER_ROOM_TYPE = {"train": 20, "val": 2, "test": 5}
+"""Scenes of each type of room, by split."""
 
 
 def recording_settings(
@@ -43,7 +43,7 @@ def recording_settings(
     width: int = 224,
     height: int = 224,
     field_of_view: float = 90.0,
-    step: float = 0.25,
+    step: float = 0.5,
     horizons: Sequence[float] = (-30.0, 0.0, 30.0),
 ) -> RecordingSettings:
     """What recordings depend on.

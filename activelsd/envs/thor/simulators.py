@@ -32,7 +32,7 @@ class SimulatorSettings(NamedTuple):
     width: int = 224  # pixels
     height: int = 224
     field_of_view: float = 90.0  # degrees from top to bottom
-    step: float = 0.25  # metres between places
+    step: float = 0.5  # metres between places
     x_displays: tuple[str, ...] = ()  # AI2-THOR: each process takes the next; none: $DISPLAY
     gpu_devices: tuple[int, ...] = ()  # the same
 

@@ -41,6 +41,7 @@ def words(cache: Path, *arguments: object) -> dict[str, Any]:
         "horizons": (0.0,),
         "navigate": ("forward", "backward", "left", "right", "rotate_cw", "rotate_ccw"),
         "size": 32,
+        "step": 0.25,
         "width": 64,
         "height": 64,
         "min_pixels": 0.0,

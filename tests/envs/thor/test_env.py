@@ -49,6 +49,7 @@ def world(cache: Path, simulators: list[FakeSimulator]) -> dict[str, Any]:
         "test": 1,
         "classes": ("Apple", "Bowl", "Box"),
         "size": 16,
+        "step": 0.25,
         "min_pixels": 0.0,
         "per_target": 5,
         "simulators": 1,

@@ -138,7 +138,7 @@ def test_a_target_behind_is_as_large_as_it_can_be() -> None:
     assert unhindered(event, behind, pose, 90.0) > SIZE**2 / 100
 
 
-SETTINGS = RecordingSettings(SimulatorSettings(STANDIN), HORIZONS, CLASSES, 16)
+SETTINGS = RecordingSettings(SimulatorSettings(STANDIN, step=0.25), HORIZONS, CLASSES, 16)
 
 
 def test_recordings_are_made_once_and_gone_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
