@@ -1,33 +1,36 @@
-"""Steps per second of the trainer beside what the bare network allows on the same machine, in one run.
+"""Steps per second of the trainer, of what the network alone allows, and of other frameworks, in one run.
 
-The bare network does, for every step, one acting forward and one learning forward with its backward and the
-optimiser, at the best of several batch sizes, on frames already in memory. The trainer does everything:
-episodes, exploration, losses, statistics; with resident actors, and with GA3C's in threads and in processes.
+The network alone does, on frames already in memory, an acting forward a step, or a learning step: forward,
+backward and the optimiser's; each at the best of several batch sizes and memory layouts, which is looked for
+first. The trainer does everything: episodes, exploration, losses, statistics; with resident actors, and with
+GA3C's in threads and in processes. So do the others, of those that are installed: Stable-Baselines3's A2C and
+Sample Factory's APPO with the same observations, trunk, number of environments and of steps.
+
 All take turns (GA3C's agents stand still at a full training queue meanwhile), so a machine that slows down
 slows all. CPU time is that of this process: what GA3C's processes spend on their environments is not in it.
 
-    python benchmarks/throughput.py --seconds 5 --rounds 3
+    python benchmarks/throughput.py --seconds 3 --rounds 3
 """
 
 from __future__ import annotations
 
 import argparse
-import statistics
 import tempfile
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import torch
+from rates import Rate, Step, in_turns
 
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
 from activelsd.envs.joint import Recording
 from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.envs.viewgraph import ViewGraph
-from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.policy.lsdnet import NetworkShape
 from activelsd.train.actors.ga3c.actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
 from activelsd.train.actors.protocol import MakeActors
@@ -38,21 +41,39 @@ from activelsd.train.statistics import Statistics
 from activelsd.train.trainer import Trainer, new_network
 
 BATCHES = (64, 128, 192, 320)
+LAYOUTS = {"channels last": torch.channels_last, "channels first": torch.contiguous_format}
 WORLD: dict[str, Any] = {"train_per_class": 20, "test_per_class": 2}
+RESIDENT, THREADS, PROCESSES = "resident", "ga3c, threads", "ga3c, processes"
+A2C, APPO = "Stable-Baselines3 A2C", "Sample Factory APPO"
 
 
-def bare_step(network: LSDNet, batch: int) -> Callable[[], int]:
-    """One acting forward and one learning step over a batch; gives the environment steps it stands for."""
-    shape = network.shape
+@cache
+def graph() -> ViewGraph:
+    """What is played."""
+    return modelnet_graph(**WORLD)
+
+
+def one_env(frames: int) -> ViewGraphEnv:
+    """An environment by itself."""
+    return ViewGraphEnv(graph(), PRESETS["V4"], frames=frames)
+
+
+def bare(shape: NetworkShape, batch: int, layout: str) -> tuple[Step, Step]:
+    """An acting forward, and a learning step, over a batch."""
+    network = new_network(tree_of(graph()), shape, 0)
+    network.to(memory_format=LAYOUTS[layout])  # type: ignore[call-overload]
     rng = np.random.default_rng(0)
     frames = rng.integers(0, 256, (1, batch, shape.frames, shape.size, shape.size), dtype=np.uint8)
     observation = {"frames": torch.from_numpy(frames), "target": torch.ones(1, batch, shape.frames, 5)}
     state, first = network.initial_state(batch), torch.ones(1, batch, dtype=torch.bool)
     optimiser = torch.optim.Adam(network.parameters(), lr=1e-6)
 
-    def step() -> int:
-        with torch.no_grad():
-            network(observation, state, first)
+    @torch.no_grad()
+    def act() -> int:
+        network(observation, state, first)
+        return batch
+
+    def learn() -> int:
         output = network(observation, state, first)
         loss = output.logits.square().mean() + output.value.square().mean()
         optimiser.zero_grad(set_to_none=True)
@@ -60,10 +81,21 @@ def bare_step(network: LSDNet, batch: int) -> Callable[[], int]:
         optimiser.step()
         return batch
 
-    return step
+    return act, learn
 
 
-def trainer_step(trainer: Trainer, sums: Statistics) -> Callable[[], int]:
+def best_bare(shape: NetworkShape, seconds: float, rounds: int) -> dict[str, Step]:
+    """Acting and learning, each at the batch and layout that were fastest in a trial of all."""
+    tried = {(batch, layout): bare(shape, batch, layout) for batch in BATCHES for layout in LAYOUTS}
+    best = {}
+    for i, part in enumerate(("acting", "learning")):
+        rates = in_turns({which: steps[i] for which, steps in tried.items()}, seconds, rounds)
+        batch, layout = max(rates, key=lambda which: rates[which].cpu)
+        best[f"{part} alone, batch {batch}, {layout}"] = tried[batch, layout][i]
+    return best
+
+
+def trainer_step(trainer: Trainer, sums: Statistics) -> Step:
     """One update of the trainer."""
 
     def step() -> int:
@@ -75,40 +107,63 @@ def trainer_step(trainer: Trainer, sums: Statistics) -> Callable[[], int]:
 
 
 def ga3c(
-    graph: ViewGraph,
-    frames: int,
-    settings: TrainSettings,
-    kind: Literal["processes", "threads"],
-    options: argparse.Namespace,
+    shape: NetworkShape, settings: TrainSettings, kind: Literal["processes", "threads"], agents: int
 ) -> MakeActors:
     """GA3C's actors with as many episodes side by side as the resident ones."""
-    envs = settings.envs // options.agents
-    chosen = GA3CSettings(kind=kind, agents=options.agents, envs_per_agent=envs)
-    world: EnvSpec | Callable[[], ViewGraphEnv]
-    if kind == "threads":
-        world = lambda: ViewGraphEnv(graph, PRESETS["V4"], frames=frames)  # noqa: E731
-    else:
-        kwargs = {"rules": "V4", "frames": frames, **WORLD}
-        world = EnvSpec(id="activelsd.envs:activelsd/ModelNet-v0", kwargs=kwargs, tree=tree_of(graph))
+    chosen = GA3CSettings(kind=kind, agents=agents, envs_per_agent=settings.envs // agents)
+    world: EnvSpec | Callable[[], ViewGraphEnv] = partial(one_env, shape.frames)
+    if kind == "processes":
+        kwargs = {"rules": "V4", "frames": shape.frames, **WORLD}
+        world = EnvSpec(id="activelsd.envs:activelsd/ModelNet-v0", kwargs=kwargs, tree=tree_of(graph()))
     return lambda network, seed: GA3CActors(world, network, chosen, settings.length, seed)
 
 
-def rate(step: Callable[[], int], seconds: float) -> tuple[float, float]:
-    """Steps per second of wall time and of CPU time."""
-    for _ in range(3):
-        step()
-    wall, cpu, done = time.perf_counter(), time.process_time(), 0
-    while time.perf_counter() - wall < seconds:
-        done += step()
-    return done / (time.perf_counter() - wall), done / (time.process_time() - cpu)
+def others(shape: NetworkShape, settings: TrainSettings) -> dict[str, Step]:
+    """The frameworks that are installed, and a line on how to get those that are not."""
+    found, make = {}, partial(one_env, shape.frames)
+    try:
+        from outside_a2c import a2c
+
+        found[A2C] = a2c(make, shape, settings)
+    except ModuleNotFoundError as error:
+        print(f"without {A2C} ({error}): pip install -c constraints.txt -e '.[test]'")
+    try:
+        from outside_appo import appo
+
+        found[APPO] = appo(make, shape, settings)
+    except ModuleNotFoundError as error:
+        # It asks for Gymnasium before 1.0 and NumPy before 2, but runs with the first as it is here, and with
+        # the second while an array of one element may stand for a number.
+        print(
+            f"without {APPO} ({error}): in an environment of its own, pip install --no-deps "
+            "sample-factory==2.1.1 faster-fifo signal-slot-mp colorlog tensorboardX psutil threadpoolctl "
+            "'numpy<2.4'"
+        )
+    return found
+
+
+def report(rates: Mapping[str, Rate]) -> None:
+    """Print rates, and the ratios that matter."""
+    acting, learning = (rates[name] for name in rates if " alone" in name)
+    both = Rate(*(1 / (1 / act + 1 / learn) for act, learn in zip(acting, learning, strict=True)))
+    for name, own in ({**rates, "acting plus learning": both}).items():
+        print(f"{name:42} {own.wall:7.0f} steps/s {1e6 / own.cpu:7.0f} us of CPU a step")
+    ratios = [
+        (RESIDENT, "learning alone", learning),
+        *((name, "acting plus learning", both) for name in (RESIDENT, THREADS, PROCESSES)),
+        *((RESIDENT, name, rates[name]) for name in (A2C, APPO) if name in rates),
+    ]
+    for name, reference, than in ratios:
+        wall, cpu = (own / other for own, other in zip(rates[name], than, strict=True))
+        print(f"{name} / {reference}: {wall:.2f} by wall time, {cpu:.2f} by CPU time")
 
 
 def main() -> None:
-    """Print a table."""
+    """Print tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seconds", type=float, default=5.0, help="per measurement")
+    parser.add_argument("--seconds", type=float, default=3.0, help="per measurement")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--threads", type=int, default=1, help="torch threads")
     parser.add_argument("--memory", default="pool", choices=("pool", "lstm", "stack"))
@@ -116,40 +171,27 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
 
-    graph = modelnet_graph(**WORLD)
     shape = NetworkShape(memory=options.memory, frames=3 if options.memory == "stack" else 1)
-    settings, world = TrainSettings(steps=10**9), Recording("modelnet", graph, PRESETS["V4"])
+    settings, world = TrainSettings(steps=10**9), Recording("modelnet", graph(), PRESETS["V4"])
     crews = {
-        "resident": on_recordings([world], settings, frames=shape.frames),
-        "ga3c, threads": ga3c(graph, shape.frames, settings, "threads", options),
-        "ga3c, processes": ga3c(graph, shape.frames, settings, "processes", options),
+        RESIDENT: on_recordings([world], settings, frames=shape.frames),
+        THREADS: ga3c(shape, settings, "threads", options.agents),
+        PROCESSES: ga3c(shape, settings, "processes", options.agents),
     }
-    contestants = {
-        f"bare network, batch {b}": bare_step(new_network(tree_of(graph), shape, 0), b) for b in BATCHES
-    }
+    contestants = best_bare(shape, options.seconds / 5, options.rounds)
     with tempfile.TemporaryDirectory() as folder:
         run = Run.create(Path(folder), "throughput", "")
         trainers = {
-            name: Trainer(run, tree_of(graph), shape, settings, crew, seed=0) for name, crew in crews.items()
+            name: Trainer(run, tree_of(graph()), shape, settings, crew, seed=0)
+            for name, crew in crews.items()
         }
         contestants |= {name: trainer_step(trainer, Statistics()) for name, trainer in trainers.items()}
-        rates: dict[str, list[tuple[float, float]]] = {name: [] for name in contestants}
-        for _ in range(options.rounds):
-            for name, step in contestants.items():
-                rates[name].append(rate(step, options.seconds))
+        contestants |= others(shape, settings)
+        rates = in_turns(contestants, options.seconds, options.rounds)
         for trainer in trainers.values():
             trainer.actors.close()
-    median = {
-        name: tuple(statistics.median(column) for column in zip(*rows, strict=True))
-        for name, rows in rates.items()
-    }
     print(f"{options.memory} memory, {options.threads} torch thread(s)")
-    for name, (wall, cpu) in median.items():
-        print(f"{name:28} {wall:8.0f} steps/s   {cpu:8.0f} steps per CPU-second")
-    for i, clock in enumerate(("wall", "CPU")):
-        best = max(values[i] for name, values in median.items() if name not in crews)
-        for name in crews:
-            print(f"{name} / best bare network, {clock} time: {median[name][i] / best:.2f}")
+    report(rates)
 
 
 if __name__ == "__main__":

@@ -12,15 +12,13 @@ from __future__ import annotations
 
 import argparse
 import os
-import statistics
-import time
-from collections.abc import Callable
 
 # Before torch is imported: threads that spin while they wait starve each other where cores are shared.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import numpy as np
 import torch
+from rates import Step, in_turns
 
 from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.vector import ViewGraphVectorEnv
@@ -63,7 +61,7 @@ def graph(size: int) -> ViewGraph:
     )
 
 
-def walker(views: ViewGraph, batch: int) -> Callable[[], int]:
+def walker(views: ViewGraph, batch: int) -> Step:
     """Steps of a batch; gives the views it stands for."""
     env = ViewGraphVectorEnv(views, EpisodeRules(ends_on_wrong=True), num_envs=batch, frames=1)
     env.begin(0)
@@ -82,7 +80,7 @@ def walker(views: ViewGraph, batch: int) -> Callable[[], int]:
     return step
 
 
-def copier(megabytes: int = 256) -> Callable[[], int]:
+def copier(megabytes: int = 256) -> Step:
     """A copy between two arrays that fit no cache; gives the bytes read and written."""
     source = torch.ones(megabytes * 2**20, dtype=torch.uint8)
     target = torch.zeros_like(source)
@@ -92,16 +90,6 @@ def copier(megabytes: int = 256) -> Callable[[], int]:
         return 2 * len(source)
 
     return step
-
-
-def rate(step: Callable[[], int], seconds: float) -> tuple[float, float]:
-    """What `step` gives per second of wall time and of CPU time."""
-    for _ in range(3):
-        step()
-    wall, cpu, done = time.perf_counter(), time.process_time(), 0
-    while time.perf_counter() - wall < seconds:
-        done += step()
-    return done / (time.perf_counter() - wall), done / (time.process_time() - cpu)
 
 
 def main() -> None:
@@ -117,23 +105,17 @@ def main() -> None:
     torch.set_num_threads(options.threads)
 
     views = graph(options.size)
-    contestants = {batch: walker(views, batch) for batch in BATCHES}
-    copy = copier()
-    rates: dict[int, list[tuple[float, float]]] = {batch: [] for batch in BATCHES}
-    copied: list[float] = []
-    for _ in range(options.rounds):
-        copied.append(rate(copy, options.seconds)[0])
-        for batch, step in contestants.items():
-            rates[batch].append(rate(step, options.seconds))
+    contestants = {f"batch {batch:5}": walker(views, batch) for batch in BATCHES}
+    rates = in_turns(contestants | {"copy": copier()}, options.seconds, options.rounds)
+    copied = rates.pop("copy").wall
     moved = 2 * (2 * options.size**2 + 5 * 4)  # frame, crop and box, read and written
     print(f"{options.size} px, {options.threads} torch thread(s), {moved} bytes read and written a view")
-    for batch, values in rates.items():
-        wall, cpu = (statistics.median(column) / 1e6 for column in zip(*values, strict=True))
+    for name, (wall, cpu) in rates.items():
         print(
-            f"batch {batch:5}  {wall:5.2f} M views/s  {wall * moved / 1e3:5.1f} GB/s"
-            f"   {cpu:5.2f} M views per CPU-second"
+            f"{name}  {wall / 1e6:5.2f} M views/s  {wall * moved / 1e9:5.1f} GB/s"
+            f"   {cpu / 1e6:5.2f} M views per CPU-second"
         )
-    print(f"copying 256 MiB arrays: {statistics.median(copied) / 1e9:.1f} GB/s")
+    print(f"copying 256 MiB arrays: {copied / 1e9:.1f} GB/s")
 
 
 if __name__ == "__main__":

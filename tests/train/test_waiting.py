@@ -1,0 +1,109 @@
+"""Nothing of a rollout or an update waits for the device: no value is asked for, and nothing is copied to it.
+
+All stands on the meta device, where there is no value to wait for: asking for one raises.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.overrides import TorchFunctionMode
+
+from activelsd.envs.episode import PRESETS
+from activelsd.envs.joint import Recording, play_recordings
+from activelsd.policy.heads import Epsilon
+from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.train.actors.resident import ResidentActors
+from activelsd.train.learner import Learner
+from activelsd.train.settings import TrainSettings
+from activelsd.train.statistics import Statistics
+from tests.graphs import ring_graph, room_graph
+
+WORLDS = {
+    "rings": [Recording("rings", ring_graph(), PRESETS["V0"])],
+    "rooms": [Recording("rooms", room_graph(size=16), PRESETS["V4"])],
+}
+WORLDS["both"] = WORLDS["rings"] + WORLDS["rooms"]
+
+MAKERS = (torch.tensor, torch.as_tensor, torch.from_numpy, Tensor.new_tensor)
+
+
+class NothingComesIn(TorchFunctionMode):
+    """Refuses to make a tensor of Python's values on the device, and to bring one from the host."""
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        if func is Tensor.exponential_:
+            kwargs = None  # meta tensors take no generator
+        made = func(*args, **(kwargs or {}))
+        if isinstance(made, Tensor) and made.is_meta:
+            assert func not in MAKERS, "a tensor is made of Python's values"
+            assert all(x.is_meta for x in args if isinstance(x, Tensor)), "a tensor comes from the host"
+        return made
+
+
+class Generator(torch.Generator):
+    """One that says it is of the meta device, which has none of its own."""
+
+    device = torch.device("meta")
+
+    def __new__(cls, device: Any = None) -> Generator:
+        return super().__new__(cls)
+
+
+@pytest.fixture
+def _on_meta(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the meta device lacks: generators, and the norm of a list of gradients at once."""
+    clip = torch.nn.utils.clip_grad_norm_
+    monkeypatch.setattr(torch, "Generator", Generator)
+    monkeypatch.setattr(torch.nn.utils, "clip_grad_norm_", lambda p, norm, foreach: clip(p, norm))
+
+
+@pytest.mark.usefixtures("_on_meta")
+@pytest.mark.parametrize("world", sorted(WORLDS))
+@pytest.mark.parametrize("changed", [{}, {"mirror": True, "dropout": 0.5}], ids=str)
+def test_nothing_waits_for_the_device(world: str, changed: dict[str, Any]) -> None:
+    settings = TrainSettings(**changed)
+    env = play_recordings(WORLDS[world], num_envs=8, frames=1, device="meta")
+    shape = NetworkShape(memory="pool", size=16, crops=world != "rings", features=32)
+    network = LSDNet(env.tree, shape).to("meta")
+    actors = ResidentActors(
+        env,
+        network,
+        settings.length,
+        0,
+        vary_crops=settings.vary_crops,
+        mirror=settings.mirror,
+        dropout=settings.dropout,
+    )
+    learner, statistics = Learner(network, settings), Statistics(actors.places)
+    for _ in range(2):
+        with NothingComesIn():
+            rollout = actors.collect(Epsilon(0.5, 0.5))
+            losses = learner.update(rollout, 0.1)
+            statistics.add(rollout, network, losses)
+    assert losses["loss/total"].is_meta
+    assert learner.state()
+
+
+@pytest.mark.parametrize(
+    "wait",
+    [
+        lambda x: x[0].item(),
+        lambda x: x.tolist(),
+        lambda x: x.cpu(),
+        lambda x: bool((x > 0).any()),
+        lambda x: x.nonzero(),
+        lambda x: x[x > 0],
+        lambda x: torch.tensor([1.0], device=x.device),
+        lambda x: torch.zeros(4).to(x.device),
+        lambda x: x.copy_(torch.zeros(4)),
+    ],
+)
+def test_waiting_would_be_seen(wait: Callable[[Tensor], Any]) -> None:
+    there = torch.ones(4, device="meta")
+    with pytest.raises((RuntimeError, NotImplementedError, AssertionError)), NothingComesIn():
+        wait(there)
