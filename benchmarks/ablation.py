@@ -1,0 +1,193 @@
+"""What matters? Variants of a world's default preset, each trained on the same budget with several seeds.
+
+The table has a variant's accuracy on objects that it has not seen and its views, each as mean ± 95 % interval
+over seeds by Student's t, and the same of the differences to the default, paired by seed. It is measured on
+the validation split, by which one may choose; `--split test` is for the report. With twenty variants one
+interval may well be off zero by chance.
+
+    python benchmarks/ablation.py env=modelnet --steps 600000 --seeds 3 --out ablation --only flat,V0
+
+Runs, results and the table are kept in a folder. The same command goes on where it was stopped, and one with
+more variants, more seeds or another split adds to it. A folder is for one version of the code.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from activelsd.compose import load, resolve
+from activelsd.contest import evaluate
+from activelsd.errors import ConfigError, did_you_mean
+from activelsd.launch import begin, resume
+from activelsd.train.run import CONFIG
+
+DEFAULT = "default"
+VARIANTS = {
+    "tree": "policy.head=tree",
+    "flat": "policy.head=flat",
+    # One softmax knows only the schedules of leaves; here they are those of the tree's branch.
+    "flat-explored": "policy.head=flat train.epsilon_leaf.start=0.8 train.entropy_leaf.start=0.05 "
+    "train.entropy_leaf.end=0.005",
+    "V0": "env.rules.preset=V0",
+    "V5": "env.rules.preset=V5",
+    "stack": "policy.memory=stack policy.frames=3",
+    "lstm": "policy.memory=lstm policy.frames=1",
+    "pool": "policy.memory=pool policy.frames=1",
+    "unsupervised": "train.supervised=0",
+    "supervised": "train.supervised=1",
+    "V6": "env.rules.preset=V6",
+    "dropout-0": "train.dropout=0",
+    "dropout-0.25": "train.dropout=0.25",
+    "dropout-0.5": "train.dropout=0.5",
+    "epsilon-0.1": "train.epsilon_branch.start=0.1 train.epsilon_leaf.start=0.1",
+    "gamma-0.5": "train.gamma=0.5",
+    "gamma-0.9": "train.gamma=0.9",
+    "gamma-0.98": "train.gamma=0.98",
+    "gamma-0.99": "train.gamma=0.99",
+    "gamma-1": "train.gamma=1",
+    "length-20": "train.length=20",
+    "rmsprop": "train.optimiser=rmsprop",
+    "V1": "env.rules.preset=V1",
+    "V2": "env.rules.preset=V2",
+    "V3": "env.rules.preset=V3",
+    "V4": "env.rules.preset=V4",
+}
+"""What is changed of the default, by name, the most telling first; what changes nothing is left out."""
+
+OF_WORLD = {"modelnet": {"moves-30": "env.navigate=[orbit_cw,orbit_ccw]"}}
+"""Variants that only one world knows."""
+
+Words = tuple[str, ...]
+
+
+class Result(NamedTuple):
+    """How one trained run did."""
+
+    variant: str
+    words: Words
+    split: str
+    accuracy: float
+    views: float
+
+
+def variants(base: Words, only: Sequence[str] = ()) -> dict[str, Words]:
+    """The words of the default and of all variants, or of some, that differ from it."""
+    default = resolve(base)
+    known = {DEFAULT: ""} | VARIANTS | OF_WORLD.get(default.env.name, {})
+    for name in only:
+        if name not in known:
+            raise ConfigError(f"There is no variant '{name}'; {did_you_mean(name, known)}")
+    words = {name: (*base, *known[name].split()) for name in known if not only or name in {DEFAULT, *only}}
+    return {name: own for name, own in words.items() if name == DEFAULT or resolve(own) != default}
+
+
+def experiment(variant: str, words: Words, split: str, runs: Path) -> Result:
+    """Train a run, or go on with the one that there is, and measure it."""
+    config = resolve(["train.loggers=[]", "train.evaluate_every=1000000000", *words, f"runs={runs}"])
+    config = config.model_copy(update={"name": variant})
+    begun = [path.parent for path in runs.glob(f"*/{CONFIG}") if load(path) == config]
+    run = resume(begun[0], []) if begun else begin(config)
+    comparisons, _ = evaluate([str(run)], [f"evaluate.split={split}"])
+    players = [comparison.reference for comparison in comparisons]
+    accuracy = float(np.mean([player.accuracy.mean for player in players]))  # over a joint run's worlds
+    return Result(variant, words, split, accuracy, float(np.mean([player.views.mean for player in players])))
+
+
+def apart(variant: str, words: Words, split: str, runs: Path) -> Result:
+    """An experiment in a process of its own."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
+        return process.submit(experiment, variant, words, split, runs).result()
+
+
+def read(file: Path, split: str) -> dict[Words, Result]:
+    """The results that a file has of a split."""
+    lines = file.read_text().splitlines() if file.exists() else []
+    rows = [json.loads(line) for line in lines]
+    results = [Result(**(row | {"words": tuple(row["words"])})) for row in rows]
+    return {result.words: result for result in results if result.split == split}
+
+
+def interval(values: Sequence[float], digits: int) -> str:
+    """Mean ± half of its 95 % interval by Student's t; a single value has none."""
+    mean = f"{np.mean(values):.{digits}f}"
+    if len(values) < 2:
+        return mean
+    half = stdtrit(len(values) - 1, 0.975) * np.std(values, ddof=1) / np.sqrt(len(values))
+    return f"{mean} ± {half:.{digits}f}"
+
+
+def table(wanted: Mapping[str, Sequence[Words]], done: Mapping[Words, Result]) -> str:
+    """What is done of each variant's seeds, as Markdown; differences are of seeds the default has too."""
+    lines = [
+        "| variant | seeds | accuracy, % | difference | views | difference |",
+        "|---|---|---|---|---|---|",
+    ]
+    default = [done.get(words) for words in wanted[DEFAULT]]
+    for name, runs in wanted.items():
+        own = [done.get(words) for words in runs]
+        found = [one for one in own if one]
+        pairs = [(one, other) for one, other in zip(own, default, strict=True) if one and other]
+        cells = [name, str(len(found)), "", "", "", ""]
+        if found:
+            cells[2] = interval([100 * one.accuracy for one in found], 1)
+            cells[4] = interval([one.views for one in found], 2)
+        if pairs and name != DEFAULT:
+            cells[3] = interval([100 * (one.accuracy - other.accuracy) for one, other in pairs], 1)
+            cells[5] = interval([one.views - other.views for one, other in pairs], 2)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def study(wanted: Mapping[str, Sequence[Words]], split: str, out: Path, jobs: int) -> str:
+    """Run what is not done yet, keeping every result and the table at once; the table."""
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / "results.jsonl"
+    done = read(file, split)
+    todo = [
+        (name, words, split, out / "runs")
+        for name, runs in wanted.items()
+        for words in runs
+        if words not in done
+    ]
+    with ThreadPoolExecutor(jobs) as threads:
+        for result in threads.map(lambda one: apart(*one), todo):
+            done[result.words] = result
+            with file.open("a") as lines:
+                lines.write(json.dumps(result._asdict()) + "\n")
+            (out / f"{split}.md").write_text(table(wanted, done))
+    return table(wanted, done)
+
+
+def main() -> None:
+    """Print a table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("settings", nargs="+", help="group=preset and key=value of all runs")
+    parser.add_argument("--steps", type=int, default=600_000, help="of every run")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--only", default="", help=f"the default and some of: {', '.join(VARIANTS)}")
+    parser.add_argument("--split", default="val", choices=("val", "test"), help="what is measured on")
+    parser.add_argument("--out", type=Path, default=Path("ablation"), help="where everything is kept")
+    parser.add_argument("--jobs", type=int, default=1, help="runs side by side")
+    options = parser.parse_intermixed_args()
+    base = ("threads=1", *options.settings, f"train.steps={options.steps}")
+    only = [name for name in options.only.split(",") if name]
+    wanted = {
+        name: [(*words, f"seed={seed}") for seed in range(options.seeds)]
+        for name, words in variants(base, only).items()
+    }
+    print(study(wanted, options.split, options.out, options.jobs), end="")
+
+
+if __name__ == "__main__":
+    main()
