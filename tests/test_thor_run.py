@@ -16,7 +16,7 @@ from activelsd.envs.oracle import shows_well
 from activelsd.envs.viewgraph import ViewGraph
 
 BASELINES = ("no_move", "random_walk", "random_policy", "object_search", "oracle")
-SCENES = ("env.scenes.rooms=[bathroom]", "env.scenes.train=2", "env.scenes.test=1")
+SCENES = ("env.scenes.rooms=[bathroom]", *(f"env.scenes.{name}" for name in ("train=2", "val=1", "test=1")))
 SMALL = ("env.width=96", "env.height=96", "env.step=0.5", "env.size=32", "env.starts.per_target=6")
 
 
