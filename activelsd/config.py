@@ -317,6 +317,12 @@ class RunConfig(Section):
             )
         if self.train.actors == "ga3c" and len(self.worlds) > 1:
             raise ValueError("train.actors=ga3c plays one world; for several set train.actors=resident")
+        for switch in ("amp", "compile"):
+            if getattr(self.train, switch) and self.train.actors != "resident":
+                raise ValueError(
+                    f"train.{switch}=true is for train.actors=resident, whose acting pass is the learning"
+                    " pass; leave it out"
+                )
         if self.train.actors == "ray":
             if self.train.vtrace is False:
                 raise ValueError(

@@ -283,6 +283,14 @@ def test_wrong_words_about_several_worlds(presets: Path, words: str, sentence: s
     assert str(error.value).startswith(sentence.format(presets))
 
 
+@pytest.mark.parametrize("actors", ["ga3c", "ray"])
+@pytest.mark.parametrize("switch", ["amp", "compile"])
+def test_speed_switches_are_for_resident_actors(switch: str, actors: str) -> None:
+    assert getattr(resolve(["env=modelnet", f"train.{switch}=true"]).train, switch)
+    with pytest.raises(ConfigError, match=rf"^train\.{switch}=true is for train\.actors=resident"):
+        resolve(["env=modelnet", f"train.{switch}=true", f"train.actors={actors}"])
+
+
 def test_sweep_is_the_cross_product_and_names_its_runs() -> None:
     configs = sweep(["experiment=demo"], ["seed=0,1", "env.navigate=[orbit_cw],[orbit_cw,orbit_ccw]"])
     assert [(c.seed, len(c.env.navigate)) for c in configs] == [(0, 1), (0, 2), (1, 1), (1, 2)]

@@ -41,7 +41,7 @@ class NetworkShape:
 
 
 class Output(NamedTuple):
-    """What the network says of L x B observations."""
+    """What the network says of L x B observations, float32."""
 
     logits: Tensor  # (L, B, branches + n) for a tree, (L, B, n) flat
     value: Tensor  # (L, B)
@@ -136,7 +136,8 @@ class LSDNet(nn.Module):
                 [logits[..., :start] + ahead, logits[..., start:stop], logits[..., stop:] + behind], -1
             )
             value = value + around[..., -1]
-        return Output(logits, value, state)
+        # What is made of them is of full precision, whatever the pass was of.
+        return Output(logits.float(), value.float(), state.float())
 
     def distribution(self, logits: Tensor, mask: Tensor, epsilon: Epsilon = Epsilon()) -> ActionDistribution:
         """The policy over actions that logits (..., *) stand for, with mask bool (..., n)."""

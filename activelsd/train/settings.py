@@ -98,6 +98,10 @@ class TrainSettings(BaseModel):
     dropout: float = Field(
         0.0, ge=0, lt=1, description="resident, ray: share of the memory's features left out at every look"
     )
+    amp: bool = Field(
+        False, description="resident: the network's passes in bfloat16, for processors made for it"
+    )
+    compile: bool = Field(False, description="resident: the network goes through torch.compile first")
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 
     gamma: float = Field(0.98, ge=0, le=1, description="discount per action")

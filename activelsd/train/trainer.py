@@ -60,7 +60,7 @@ class Trainer:
     ) -> None:
         """Build everything, or, to resume, take it back from the run's newest checkpoint."""
         self.run, self.settings, self._evaluate = run, settings, evaluate
-        self._group = group
+        self._group, self._device = group, torch.device(device)
         weights_seed, *play_seeds = np.random.SeedSequence(seed).generate_state(1 + group.size).tolist()
         self.step, self._seconds = 0, 0.0
         if resume:
@@ -71,6 +71,8 @@ class Trainer:
                 )
         else:
             self.network = new_network(tree, shape, weights_seed).to(device)
+        if settings.compile:
+            self.network.compile()
         self.learner = Learner(self.network, settings, group)
         self.actors = make_actors(self.network, play_seeds[group.rank])
         if resume:
@@ -118,9 +120,10 @@ class Trainer:
         settings, progress = self.settings, self.step / self.settings.steps
         annealed = progress / settings.anneal
         epsilon = Epsilon(settings.epsilon_branch.at(annealed), settings.epsilon_leaf.at(annealed))
-        rollout = self.actors.collect(epsilon)
-        if rollout.output is None:
-            rollout = replace(rollout, output=self.learner.output(rollout))
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=settings.amp):
+            rollout = self.actors.collect(epsilon)
+            if rollout.output is None:
+                rollout = replace(rollout, output=self.learner.output(rollout))
         losses = self.learner.update(rollout, progress)
         statistics.add(rollout, self.network, losses)
         self.step += rollout.rewards.numel() * self._group.size

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from activelsd.envs.graphenv import tree_of
 from activelsd.envs.joint import Recording
 from activelsd.errors import RunError, TrainingError
 from activelsd.policy.checkpoint import load_network
+from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import NetworkShape
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.run import Run
@@ -66,7 +69,7 @@ def test_a_seed_repeats_a_run_and_another_does_not(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("memory", ["stack", "lstm", "pool"])
-@pytest.mark.parametrize("changed", [{"optimiser": "rmsprop"}, {"dropout": 0.5}], ids=str)
+@pytest.mark.parametrize("changed", [{"optimiser": "rmsprop"}, {"dropout": 0.5}, {"amp": True}], ids=str)
 def test_resume_goes_on_to_the_bit(tmp_path: Path, memory: str, changed: dict[str, Any]) -> None:
     whole, halved = new_run(tmp_path, "whole"), new_run(tmp_path, "halved")
     trainer(whole, memory, **changed).train()
@@ -76,6 +79,43 @@ def test_resume_goes_on_to_the_bit(tmp_path: Path, memory: str, changed: dict[st
     first.save()
     trainer(halved, memory, resume=True, **changed).train()
     assert_same(weights(whole), weights(halved))
+
+
+@pytest.mark.parametrize("memory", ["stack", "lstm", "pool"])
+def test_bfloat16_learns_from_about_the_same_losses(tmp_path: Path, memory: str) -> None:
+    full, half = (trainer(new_run(tmp_path, name), memory, amp=name == "half") for name in ("full", "half"))
+    rollout = full.actors.collect(Epsilon(0.5, 0.5))
+    with torch.autocast("cpu", torch.bfloat16):
+        output = half.learner.output(replace(rollout, output=None))
+    assert {part.dtype for part in output} == {torch.float32}
+    expected = full.learner.losses(rollout, 0.0)
+    found = half.learner.losses(replace(rollout, output=output), 0.0)
+    assert not torch.equal(found.total, expected.total)  # else nothing was of bfloat16
+    torch.testing.assert_close(found, expected, rtol=0.02, atol=0.02)
+    # The trainer's own updates are of bfloat16, and what they change is of full precision.
+    for one in (full, half):
+        one._update(_Forgets())  # type: ignore[arg-type]
+    weights = [dict(one.network.named_parameters())["policy.weight"] for one in (full, half)]
+    assert {w.dtype for w in weights} == {torch.float32}
+    assert not torch.equal(*weights)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("c++") is None, reason="torch.compile needs a C++ compiler")
+@pytest.mark.filterwarnings("ignore")  # PyTorch's compiler warns of its own parts
+def test_a_compiled_network_trains_as_it_is_and_resumes(tmp_path: Path) -> None:
+    plain, compiled, halved = (new_run(tmp_path, name) for name in ("plain", "compiled", "halved"))
+    trainer(plain, steps=320).train()
+    for run in (compiled, halved):
+        one = trainer(run, steps=320, compile=True)
+        assert one.network._compiled_call_impl is not None
+        while run is halved and one.step < 160:
+            one._update(_Forgets())  # type: ignore[arg-type]
+        one.save() if run is halved else one.train()
+    trainer(halved, steps=320, compile=True, resume=True).train()
+    assert_same(weights(compiled), weights(halved))
+    for name, weight in weights(plain).items():
+        torch.testing.assert_close(weights(compiled)[name], weight, rtol=1e-2, atol=1e-3)
 
 
 class _Forgets:
