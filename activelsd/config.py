@@ -292,7 +292,7 @@ class RunConfig(Section):
     )
     seed: int = Field(0, ge=0, description="fanned out to weights, episodes and actions")
     device: Literal["auto", "cpu", "cuda"] = Field("auto", description="auto: cuda where there is one")
-    threads: int | None = Field(None, ge=1, description="PyTorch's threads; null: its own choice")
+    threads: int | None = Field(None, ge=1, description="PyTorch's threads; null: its own choice, all cores")
     runs: Path = Field(Path("runs"), description="folder of runs")
     env: World | JointSettings = Field(discriminator="name", description="the world, or worlds by name")
     policy: PolicySettings = Field(PolicySettings(), description="the network")

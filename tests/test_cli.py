@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -28,6 +29,22 @@ def test_help_is_quick_and_imports_nothing_heavy() -> None:
     assert "compare" in done.stdout
     assert "HEAVY []" in done.stdout
     assert took < 2.0  # 0.1 s on an idle machine
+
+
+@pytest.mark.parametrize(
+    ("given", "spins"),
+    [({}, "1000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "active"}, None)],
+)
+def test_pytorchs_threads_do_not_spin_long_unless_told_to(given: dict[str, str], spins: str | None) -> None:
+    code = (
+        "import os, sys; from activelsd.cli import main; assert 'torch' not in sys.modules;"
+        "main(['train', '--dry-run', 'env=modelnet']); print(os.environ.get('GOMP_SPINCOUNT'))"
+    )
+    others = {k: v for k, v in os.environ.items() if k not in ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=others | given, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == str(spins)
 
 
 def test_exit_codes_of_the_process() -> None:
