@@ -217,7 +217,16 @@ def build_actors(config: RunConfig, worlds: Sequence[Recording], device: str) ->
             kind = WORLDS[own.name]
             options = kind.options(own) | {"rules": asdict(rules), "frames": frames}
             world = EnvSpec(id=f"activelsd.envs:{kind.environment}", kwargs=options, tree=tree_of(graph))
-        return GA3CActors(world, network, settings.ga3c, settings.length, seed)
+        return GA3CActors(
+            world,
+            network,
+            settings.ga3c,
+            settings.length,
+            seed,
+            vary_crops=settings.vary_crops,
+            mirror=settings.mirror,
+            dropout=settings.dropout,
+        )
 
     return ga3c
 

@@ -33,7 +33,10 @@ def measure(agents: int, options: argparse.Namespace) -> tuple[float, dict[str, 
     """Steps per second once every agent plays, and the actors' measures of that time."""
     tree = tree_of(graph())
     spec = EnvSpec(id=ID, kwargs={"seconds": options.step / 1000}, tree=tree)
-    settings = TrainSettings(steps=10**9, ga3c=GA3CSettings(agents=agents, prediction_wait_ms=options.wait))
+    chosen = GA3CSettings(
+        agents=agents, envs_per_agent=options.lanes, lanes=options.lanes, prediction_wait_ms=options.wait
+    )
+    settings = TrainSettings(steps=10**9, ga3c=chosen)
     with tempfile.TemporaryDirectory() as folder:
         trainer = Trainer(
             Run.create(Path(folder), "ga3c", ""),
@@ -63,6 +66,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=plain)
     parser.add_argument("--agents", type=int, nargs="+", default=[8, 16, 32])
     parser.add_argument("--step", type=float, default=20.0, help="milliseconds a step takes")
+    parser.add_argument("--lanes", type=int, default=1, help="train.ga3c.lanes, with an environment in each")
     parser.add_argument("--wait", type=float, default=0.0, help="train.ga3c.prediction_wait_ms")
     parser.add_argument("--seconds", type=float, default=20.0, help="per row")
     parser.add_argument("--threads", type=int, default=1, help="torch threads")

@@ -23,7 +23,8 @@ CONTRAST, BRIGHTNESS = 0.8, 0.25
 
 _OPPOSITE = {"left": "right", "right": "left", "cw": "ccw", "ccw": "cw"}
 
-_DRAWS = 8  # extent, squeeze (2), shift (2), contrast, brightness, mirror
+WAYS = 8
+"""Numbers that say how an episode varies: extent, squeeze (2), shift (2), contrast, brightness, mirror."""
 
 
 def in_mirror(move: str) -> str:
@@ -31,108 +32,108 @@ def in_mirror(move: str) -> str:
     return "_".join(_OPPOSITE.get(word, word) for word in move.split("_"))
 
 
+def kept(features: tuple[int, ...], dropout: float, generator: torch.Generator) -> Tensor:
+    """Factors of features: 0 for a share of `dropout`, more than 1 for the rest (Srivastava et al. 2014)."""
+    drawn = torch.rand(features, generator=generator, device=generator.device)
+    return (drawn >= dropout) / (1 - dropout)
+
+
 class Variation:
-    """How the episodes of B environments differ from what is recorded.
+    """How episodes differ from what their environments show.
 
     Crops of targets are cut and lit a little otherwise. Those of targets out of sight are zeros and stay so,
-    and what was not cut stays as it is too: an observation without crops, and a frame that stands for the
-    crop of a target that fills it. Every other episode is seen in a mirror, pictures, boxes and moves. Where
-    nothing is to vary, nothing is drawn.
+    and what was not cut stays as it is too: a frame that stands for the crop of a target that fills it. Every
+    other episode is seen in a mirror, pictures, boxes and moves. Where nothing is to vary, nothing is drawn.
+
+    Attributes:
+        varies: whether anything does.
     """
 
     def __init__(
         self,
         trees: Sequence[ActionTree],
         whole: ActionTree,
-        generator: torch.Generator,
+        device: torch.device,
         *,
         crops: bool,
         mirror: bool,
     ) -> None:
-        """Prepare; nothing is drawn before the first look.
+        """Prepare.
 
         Args:
             trees: each world's own actions.
             whole: the actions of all, by whose numbers masks and actions are given.
-            generator: draws variations; its device is that of the environments.
-            crops: whether to vary crops.
+            device: where observations are.
+            crops: whether observations have crops, and these are to vary.
             mirror: whether to mirror, where every world has the opposite of each of its moves.
         """
-        self._generator, self._varies = generator, crops
-        self._draws = torch.zeros(0, _DRAWS, device=generator.device)
         leaves = [{leaf for branch, leaf in tree.names if branch == NAVIGATE} for tree in trees]
         self._mirrors = mirror and all(in_mirror(leaf) in own for own in leaves for leaf in own)
         swapped = [
             whole.index(branch, in_mirror(leaf)) if branch == NAVIGATE and self._mirrors else i
             for i, (branch, leaf) in enumerate(whole.names)
         ]
-        self._swapped = torch.tensor(swapped, device=generator.device)
+        self._swapped = torch.tensor(swapped, device=device)
+        self._crops = crops
+        self.varies = crops or self._mirrors
 
-    def look(self, observation: dict[str, Tensor], first: Tensor) -> dict[str, Tensor]:
-        """The observation, uint8 (B, K, S, S) and boxes (B, K, 5), varied; nothing is written to.
+    def ways(self, ways: Tensor, first: Tensor, generator: torch.Generator) -> Tensor:
+        """How B episodes vary, (B, WAYS) in [0, 1): drawn where `first` (B,) begins one, else as before."""
+        if not self.varies:
+            return ways
+        fresh = torch.rand(ways.shape, generator=generator, device=ways.device)
+        return torch.where(first[:, None], fresh, ways)
 
-        Args:
-            observation: as of `ViewGraphVectorEnv.observe`.
-            first: bool (B,) where an episode begins.
-        """
-        varies = self._varies and "crops" in observation
-        if not (varies or self._mirrors):
-            return observation
-        fresh = torch.rand(len(first), _DRAWS, generator=self._generator, device=first.device)
-        self._draws = torch.where(first[:, None], fresh, self._draws) if len(self._draws) else fresh
-        if varies:
-            observation = observation | {"crops": self._crops(observation)}
-        return self._mirrored(observation) if self._mirrors else observation
+    def look(self, observation: dict[str, Tensor], ways: Tensor) -> dict[str, Tensor]:
+        """The observation, uint8 (B, K, S, S) and boxes (B, K, 5), varied; nothing is written to."""
+        if self._crops:
+            observation = observation | {"crops": _cut(observation, ways)}
+        return _mirrored(observation, ways) if self._mirrors else observation
 
-    def actions(self, actions: Tensor) -> Tensor:
+    def actions(self, actions: Tensor, ways: Tensor) -> Tensor:
         """(B,) int64 actions chosen in the mirror as what they are behind it, and the other way round."""
-        return torch.where(self._in_mirror(), self._swapped[actions], actions) if self._mirrors else actions
+        return torch.where(_in_mirror(ways), self._swapped[actions], actions) if self._mirrors else actions
 
-    def mask(self, mask: Tensor) -> Tensor:
+    def mask(self, mask: Tensor, ways: Tensor) -> Tensor:
         """(B, n) bool legal actions, as they are called in the mirror."""
         if not self._mirrors:
             return mask
-        return torch.where(self._in_mirror()[:, None], mask[:, self._swapped], mask)
+        return torch.where(_in_mirror(ways)[:, None], mask[:, self._swapped], mask)
 
-    def state(self) -> dict[str, Tensor]:
-        """How the episodes under way vary."""
-        return {"draws": self._draws}
 
-    def load_state(self, tensors: dict[str, Tensor]) -> None:
-        """Take back what `state` gave."""
-        self._draws = tensors["draws"].to(self._swapped.device)
+def _in_mirror(ways: Tensor) -> Tensor:
+    return ways[:, -1] < 0.5
 
-    def _in_mirror(self) -> Tensor:
-        return self._draws[:, -1] < 0.5
 
-    def _crops(self, observation: dict[str, Tensor]) -> Tensor:
-        """Crops cut and lit otherwise."""
-        crops, target = observation["crops"], observation["target"]
-        batch, stacked = crops.shape[:2]
-        between = 2 * self._draws[:, :-1] - 1
-        extent, squeeze, shift, contrast, brightness = torch.split(between, [1, 2, 2, 1, 1], 1)
-        scale = (1 + ZOOM * extent) * (1 + SQUEEZE * squeeze)
-        where = functional.affine_grid(
-            torch.cat([torch.diag_embed(scale), SHIFT * shift[:, :, None]], 2),
-            [batch, stacked, *crops.shape[2:]],
-            align_corners=False,
-        )
-        cut = functional.grid_sample(crops.float() / 255, where, padding_mode="border", align_corners=False)
-        mean = cut.mean((2, 3), keepdim=True)
-        lit = (cut - mean) * (CONTRAST * contrast).exp()[..., None, None] + mean
-        lit = lit + (BRIGHTNESS * brightness)[..., None, None]
-        was_cut = ((target[..., 4] > 0) & (target[..., 2:4] < 1).any(-1))[..., None, None]
-        return torch.where(was_cut, (lit.clamp(0, 1) * 255).round().to(torch.uint8), crops)
+def _cut(observation: dict[str, Tensor], ways: Tensor) -> Tensor:
+    """Crops cut and lit otherwise."""
+    crops, target = observation["crops"], observation["target"]
+    batch, stacked = crops.shape[:2]
+    between = 2 * ways[:, :-1] - 1
+    extent, squeeze, shift, contrast, brightness = torch.split(between, [1, 2, 2, 1, 1], 1)
+    scale = (1 + ZOOM * extent) * (1 + SQUEEZE * squeeze)
+    where = functional.affine_grid(
+        torch.cat([torch.diag_embed(scale), SHIFT * shift[:, :, None]], 2),
+        [batch, stacked, *crops.shape[2:]],
+        align_corners=False,
+    )
+    cut = functional.grid_sample(crops.float() / 255, where, padding_mode="border", align_corners=False)
+    mean = cut.mean((2, 3), keepdim=True)
+    lit = (cut - mean) * (CONTRAST * contrast).exp()[..., None, None] + mean
+    lit = lit + (BRIGHTNESS * brightness)[..., None, None]
+    was_cut = ((target[..., 4] > 0) & (target[..., 2:4] < 1).any(-1))[..., None, None]
+    return torch.where(was_cut, (lit.clamp(0, 1) * 255).round().to(torch.uint8), crops)
 
-    def _mirrored(self, observation: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Pictures and boxes of the episodes in the mirror flipped."""
-        here = self._in_mirror()[:, None, None]
-        target = observation["target"].clone()
-        flipped = torch.where(target[..., 4] > 0, 1 - target[..., 0], target[..., 0])
-        target[..., 0] = torch.where(here[..., 0], flipped, target[..., 0])
-        pictures = {
-            name: torch.where(here[..., None], picture.flip(-1), picture)
-            for name, picture in observation.items()
-            if name != "target"
-        }
-        return pictures | {"target": target}
+
+def _mirrored(observation: dict[str, Tensor], ways: Tensor) -> dict[str, Tensor]:
+    """Pictures and boxes of the episodes in the mirror flipped."""
+    here = _in_mirror(ways)[:, None, None]
+    target = observation["target"].clone()
+    flipped = torch.where(target[..., 4] > 0, 1 - target[..., 0], target[..., 0])
+    target[..., 0] = torch.where(here[..., 0], flipped, target[..., 0])
+    pictures = {
+        name: torch.where(here[..., None], picture.flip(-1), picture)
+        for name, picture in observation.items()
+        if name != "target"
+    }
+    return pictures | {"target": target}

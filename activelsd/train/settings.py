@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
 class Anneal(BaseModel):
@@ -39,6 +39,9 @@ class GA3CSettings(BaseModel):
     envs_per_agent: int = Field(
         1, ge=1, description="environments an agent steps in turn; more where a step takes no time"
     )
+    lanes: int = Field(
+        1, ge=1, le=8, description="groups of them: one is stepped while the others' answers are awaited"
+    )
     starting: int = Field(4, ge=1, description="agents that start at the same time")
     start_timeout_s: float = Field(300.0, gt=0, description="seconds that a process may take to start")
     timeout_s: float = Field(60.0, gt=0, description="seconds that a step may take before it is replaced")
@@ -56,6 +59,15 @@ class GA3CSettings(BaseModel):
 
     dynamic: bool = Field(False, description="look for the fastest number of agents, predictors and trainers")
     dynamic_every_s: float = Field(60.0, gt=0, description="seconds that each try of that is measured")
+
+    @model_validator(mode="after")
+    def _lanes_are_alike(self) -> GA3CSettings:
+        if self.envs_per_agent % self.lanes:
+            raise ValueError(
+                f"train.ga3c.envs_per_agent={self.envs_per_agent} is no multiple of"
+                f" train.ga3c.lanes={self.lanes}; choose one that is"
+            )
+        return self
 
 
 class RaySettings(BaseModel):
@@ -91,12 +103,10 @@ class TrainSettings(BaseModel):
     envs: int = Field(64, ge=1, description="resident: episodes played side by side")
     ga3c: GA3CSettings = Field(GA3CSettings(), description="agents with batched prediction")
     ray: RaySettings = Field(RaySettings(), description="agents in a Ray cluster; recorded views only")
-    vary_crops: bool = Field(
-        True, description="resident, ray: crops of targets are cut and lit otherwise in every episode"
-    )
-    mirror: bool = Field(False, description="resident, ray: every other episode is seen in a mirror")
+    vary_crops: bool = Field(True, description="crops of targets are cut and lit otherwise in every episode")
+    mirror: bool = Field(False, description="every other episode is seen in a mirror")
     dropout: float = Field(
-        0.0, ge=0, lt=1, description="resident, ray: share of the memory's features left out at every look"
+        0.0, ge=0, lt=1, description="share of the memory's features left out at every look"
     )
     amp: bool = Field(
         False, description="resident: the network's passes in bfloat16, for processors made for it"

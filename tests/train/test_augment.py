@@ -7,14 +7,18 @@ import torch
 from torch import Tensor
 
 from activelsd.envs.actions import ActionTree
-from activelsd.train.augment import Variation
+from activelsd.train.augment import WAYS, Variation, kept
 
 TREE = ActionTree.answer_or_move(("cup", "vase"), ("forward", "orbit_cw_60", "orbit_ccw_60", "left", "right"))
 BEGIN, GO_ON = torch.ones(6, dtype=torch.bool), torch.zeros(6, dtype=torch.bool)
 
 
-def variation(seed: int = 0, tree: ActionTree = TREE, *, mirror: bool = False) -> Variation:
-    return Variation([tree], tree, torch.Generator().manual_seed(seed), crops=True, mirror=mirror)
+def variation(tree: ActionTree = TREE, *, crops: bool = True, mirror: bool = False) -> Variation:
+    return Variation([tree], tree, torch.device("cpu"), crops=crops, mirror=mirror)
+
+
+def ways(seed: int = 0) -> Tensor:
+    return torch.rand(6, WAYS, generator=torch.Generator().manual_seed(seed))
 
 
 def observed() -> dict[str, Tensor]:
@@ -28,7 +32,7 @@ def observed() -> dict[str, Tensor]:
 
 def test_crops_vary_and_nothing_else_does() -> None:
     observation = observed()
-    varied = variation().look(observation, BEGIN)
+    varied = variation().look(observation, ways())
     assert varied["frames"] is observation["frames"]
     assert varied["target"] is observation["target"]
     crops = varied["crops"]
@@ -46,46 +50,37 @@ def test_crops_vary_and_nothing_else_does() -> None:
 
 def test_an_episode_varies_in_one_way() -> None:
     """Else a blocked move would be worth a second look at what is the same view."""
-    some = variation()
-    before = some.look(observed(), BEGIN)["crops"]
-    assert torch.equal(some.look(observed(), GO_ON)["crops"], before)
+    some, generator = variation(), torch.Generator().manual_seed(0)
+    before = some.ways(torch.zeros(6, WAYS), BEGIN, generator)
+    assert torch.equal(some.ways(before, GO_ON, generator), before)
     ended = torch.tensor([True, False, False, False, False, True])
-    after = some.look(observed(), ended)["crops"]
-    same = (after == before).flatten(1).all(1)
-    assert same.tolist() == [False, True, True, True, True, False]
-    assert torch.equal(after[:, 0], after[:, 1]), "all stacked looks alike"
+    after = some.ways(before, ended, generator)
+    assert (after == before).all(1).tolist() == [False, True, True, True, True, False]
+    one, other = (some.look(observed(), way)["crops"] for way in (before, after))
+    assert (one == other).flatten(1).all(1).tolist() == [False, True, True, True, True, False]
+    assert torch.equal(other[:, 0], other[:, 1]), "all stacked looks alike"
 
 
 def test_a_frame_that_stands_for_a_crop_stays_as_it_is() -> None:
     observation = observed()
     observation["target"][3] = torch.tensor([0.5, 0.5, 1.0, 1.0, 1.0])
-    crops = variation().look(observation, BEGIN)["crops"]
+    crops = variation().look(observation, ways())["crops"]
     assert torch.equal(crops[3], observation["crops"][3])
     assert not torch.equal(crops[4], observation["crops"][4])
 
 
-def test_a_generator_repeats_it_and_its_state_goes_on() -> None:
-    first, again, other = (variation(seed).look(observed(), BEGIN)["crops"] for seed in (1, 1, 2))
-    assert torch.equal(first, again)
-    assert not torch.equal(first, other)
-    stopped, resumed = variation(1), variation(5)
-    stopped.look(observed(), BEGIN)
-    resumed.load_state(stopped.state())
-    assert torch.equal(resumed.look(observed(), GO_ON)["crops"], first)
-
-
 def test_a_mirror_flips_pictures_boxes_and_moves() -> None:
-    plain, mirrored = variation(3), variation(3, mirror=True)
-    straight, seen = plain.look(observed(), BEGIN), mirrored.look(observed(), BEGIN)
+    plain, mirrored, drawn = variation(), variation(mirror=True), ways(3)
+    straight, seen = plain.look(observed(), drawn), mirrored.look(observed(), drawn)
     everything = torch.arange(TREE.n).repeat(6, 1)
-    called = torch.stack([mirrored.actions(column) for column in everything.T], 1)
+    called = torch.stack([mirrored.actions(column, drawn) for column in everything.T], 1)
     swapped = [TREE.index(*name) for name in (
         ("classify", "cup"), ("classify", "vase"), ("navigate", "forward"), ("navigate", "orbit_ccw_60"),
         ("navigate", "orbit_cw_60"), ("navigate", "right"), ("navigate", "left"),
     )]  # fmt: skip
-    ways = [row == swapped for row in called.tolist()]
-    assert 0 < sum(ways) < 6
-    for i, flipped in enumerate(ways):
+    inside = [row == swapped for row in called.tolist()]
+    assert 0 < sum(inside) < 6
+    for i, flipped in enumerate(inside):
         assert called[i].tolist() == (swapped if flipped else list(range(TREE.n)))
         for name in ("frames", "crops"):
             expected = straight[name][i].flip(-1) if flipped else straight[name][i]
@@ -95,30 +90,34 @@ def test_a_mirror_flips_pictures_boxes_and_moves() -> None:
         assert torch.equal(seen["target"][i, :, 1:], observed()["target"][i, :, 1:])
     # What is legal is called by the same names as what is done.
     mask = torch.rand(6, TREE.n) < 0.5
-    mask_seen = mirrored.mask(mask)
+    mask_seen = mirrored.mask(mask, drawn)
     for column in everything.T:
         theirs = mask_seen.gather(1, column[:, None])
-        assert torch.equal(theirs, mask.gather(1, mirrored.actions(column)[:, None]))
+        assert torch.equal(theirs, mask.gather(1, mirrored.actions(column, drawn)[:, None]))
 
 
 def test_where_nothing_is_to_vary_nothing_is_drawn() -> None:
     """Runs of worlds without crops stay what they were, to the bit."""
-    observation = {name: value for name, value in observed().items() if name != "crops"}
-    generator = torch.Generator().manual_seed(0)
-    before = generator.get_state()
-    some = Variation([TREE], TREE, generator, crops=True, mirror=False)
-    mask, actions = torch.ones(6, TREE.n) > 0, torch.arange(6)
-    assert some.look(observation, BEGIN) is observation
-    assert (some.mask(mask) is mask, some.actions(actions) is actions) == (True, True)
+    observation, generator = observed(), torch.Generator().manual_seed(0)
+    still, before, drawn = variation(crops=False), generator.get_state(), ways()
+    assert not still.varies
+    assert still.ways(drawn, BEGIN, generator) is drawn
     assert torch.equal(generator.get_state(), before)
-    still = Variation([TREE], TREE, generator, crops=False, mirror=False)
-    assert torch.equal(still.look(observed(), BEGIN)["crops"], observed()["crops"])
+    mask, actions = torch.ones(6, TREE.n) > 0, torch.arange(6)
+    assert still.look(observation, drawn) is observation
+    assert (still.mask(mask, drawn) is mask, still.actions(actions, drawn) is actions) == (True, True)
 
 
 @pytest.mark.parametrize("moves", [("rotate_cw",), ("left", "right", "orbit_ccw")])
 def test_a_world_without_the_opposite_of_a_move_is_not_mirrored(moves: tuple[str, ...]) -> None:
     tree = ActionTree.answer_or_move(("cup",), moves)
-    some = variation(tree=tree, mirror=True)
-    assert torch.equal(some.look(observed(), BEGIN)["frames"], observed()["frames"])
+    some = variation(tree, mirror=True)
+    assert torch.equal(some.look(observed(), ways())["frames"], observed()["frames"])
     actions = torch.full((6,), tree.n - 1)
-    assert torch.equal(some.actions(actions), actions)
+    assert torch.equal(some.actions(actions, ways()), actions)
+
+
+def test_dropout_leaves_out_its_share_and_keeps_the_mean() -> None:
+    factors = kept((400, 256), 0.25, torch.Generator().manual_seed(0))
+    assert factors.unique().tolist() == pytest.approx([0, 4 / 3])
+    assert abs(factors.mean().item() - 1) < 0.01

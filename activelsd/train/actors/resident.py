@@ -12,7 +12,7 @@ from activelsd.envs.vector import Step, ViewGraphVectorEnv
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, Output
 from activelsd.train.actors.protocol import MakeActors
-from activelsd.train.augment import Variation
+from activelsd.train.augment import WAYS, Variation, kept
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
 
@@ -36,7 +36,7 @@ class ResidentActors:
     ) -> None:
         """Start B episodes; `seed` fixes which, how actions are drawn and, if asked for, how they vary.
 
-        By `dropout` (Srivastava et al. 2014) the network acts, and learns, with that share of its memory's
+        By `dropout` the network acts, and learns, with that share of its memory's
         features left out, each look with others. Values that returns are built on are of all features.
         """
         self.env, self.network, self.length, self._dropout = env, network, length, dropout
@@ -44,7 +44,9 @@ class ResidentActors:
         self._generator = torch.Generator(env.device).manual_seed(seed)
         parts = list(env.parts.values()) if isinstance(env, JointVectorEnv) else [env]
         trees = [part.tree for part in parts]
-        self._variation = Variation(trees, env.tree, self._generator, crops=vary_crops, mirror=mirror)
+        crops = vary_crops and network.shape.crops
+        self._variation = Variation(trees, env.tree, torch.device(env.device), crops=crops, mirror=mirror)
+        self._ways = torch.zeros(env.num_envs, WAYS, device=env.device)
         env.begin(seed)
         self._memory = network.initial_state(env.num_envs)
         self._first = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
@@ -57,8 +59,8 @@ class ResidentActors:
         outputs: list[Output] = []
         steps: list[Step] = []
         for _ in range(self.length):
-            observation = self._dropped(vary.look(env.observe(), self._first))
-            mask = vary.mask(env.mask())
+            observation = self._dropped(self._look())
+            mask = vary.mask(env.mask(), self._ways)
             output = self.network(_one(observation), memory, self._first[None])
             drawn = self.network.distribution(output.logits[0].detach(), mask, epsilon)
             action = drawn.sample(self._generator)
@@ -68,13 +70,12 @@ class ResidentActors:
             firsts.append(self._first)
             actions.append(action)
             outputs.append(output)
-            step = env.advance(vary.actions(action))
+            step = env.advance(vary.actions(action, self._ways))
             steps.append(step)
             memory, self._first = output.state, step.terminated | step.truncated
         self._memory, before = memory.detach(), self._memory
         with torch.no_grad():
-            observation = vary.look(env.observe(), self._first)
-            bootstrap = self.network(_one(observation), self._memory, self._first[None]).value[0]
+            bootstrap = self.network(_one(self._look()), self._memory, self._first[None]).value[0]
         return Rollout(
             observation={name: torch.stack([o[name] for o in seen]) for name in seen[0]},
             first=torch.stack(firsts),
@@ -94,13 +95,17 @@ class ResidentActors:
             ),
         )
 
+    def _look(self) -> dict[str, Tensor]:
+        """What is seen, varied."""
+        self._ways = self._variation.ways(self._ways, self._first, self._generator)
+        return self._variation.look(self.env.observe(), self._ways)
+
     def _dropped(self, observation: dict[str, Tensor]) -> dict[str, Tensor]:
         """The observation with the factors of the features that are kept, if any are to be left out."""
         if not self._dropout:
             return observation
         shape = (self.env.num_envs, self.network.memory.outputs)
-        drawn = torch.rand(shape, generator=self._generator, device=self.env.device)
-        return observation | {"dropout": (drawn >= self._dropout) / (1 - self._dropout)}
+        return observation | {"dropout": kept(shape, self._dropout, self._generator)}
 
     def measures(self) -> dict[str, float]:
         """Nothing beside what rollouts say."""
@@ -112,7 +117,7 @@ class ResidentActors:
     def state(self) -> dict[str, Tensor]:
         """Where every episode stands and what is remembered of it, for a checkpoint."""
         own = {"memory": self._memory, "first": self._first, "generator": self._generator.get_state()}
-        own |= self._variation.state()
+        own["ways"] = self._ways
         return own | {f"env/{name}": value for name, value in self.env.state().items()}
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
@@ -120,7 +125,7 @@ class ResidentActors:
         device = self.env.device
         self._memory, self._first = tensors["memory"].to(device), tensors["first"].to(device)
         self._generator.set_state(tensors["generator"])
-        self._variation.load_state(tensors)
+        self._ways = tensors["ways"].to(device)
         self.env.load_state({k.removeprefix("env/"): v for k, v in tensors.items() if k.startswith("env/")})
 
 

@@ -69,8 +69,9 @@ def test_a_lost_agent_is_replaced(
     assert found["ga3c/steps_lost"] == 2.0  # of 7, 4 were a whole trajectory and the last was not taken
 
 
-def test_a_killed_agent_is_replaced(caplog: pytest.LogCaptureFixture) -> None:
-    crew = actors("processes", agents=3, sleep=0.001)
+@pytest.mark.parametrize("lanes", [1, 2])
+def test_a_killed_agent_is_replaced(lanes: int, caplog: pytest.LogCaptureFixture) -> None:
+    crew = actors("processes", agents=3, envs_per_agent=2, lanes=lanes, sleep=0.001)
     try:
         crew.collect(EPSILON)
         for lost in (1, 2, 3):

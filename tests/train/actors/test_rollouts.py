@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import fields
 
 import numpy as np
 import pytest
 import torch
 
+from activelsd.envs.actions import NAVIGATE
 from activelsd.policy.heads import Epsilon
+from activelsd.train.augment import in_mirror
 from activelsd.train.rollout import Rollout
 from tests.train.actors.mischief import Mischief
 from tests.train.actors.worlds import actors, network
@@ -16,48 +19,96 @@ from tests.train.actors.worlds import actors, network
 EPSILON = Epsilon(0.3, 0.2)
 
 
-def collect(kind: str, rollouts: int, memory: str = "pool", envs: int = 3) -> list[Rollout]:
+def collect(
+    kind: str, rollouts: int, memory: str = "pool", *, mirror: bool = False, dropout: float = 0.0
+) -> list[Rollout]:
     """Of one agent, whose trajectories come in order."""
-    crew = actors(kind, network(memory), agents=1, envs_per_agent=envs)
+    crew = actors(kind, network(memory), agents=1, envs_per_agent=3, mirror=mirror, dropout=dropout)
     try:
         return [crew.collect(EPSILON) for _ in range(rollouts)]
     finally:
         crew.close()
 
 
+class Replay:
+    """An environment of an agent, stepped again by what its trajectories say."""
+
+    def __init__(self, number: int, swapped: list[int] | None = None) -> None:
+        """Replay an agent's environment; `swapped` are the actions' numbers in a mirror, if there is one."""
+        seed = int(np.random.SeedSequence(3, spawn_key=(0,)).generate_state(1)[0] >> 1)
+        self.env, self.first, self.ends = Mischief(), True, 0
+        self.seen, self.info = self.env.reset(seed=seed + number)
+        self.swapped, self.flipped = swapped, list[bool]()  # which episodes were
+
+    def follows(self, rollout: Rollout, column: int = 0) -> bool:
+        """Whether a column of a rollout is what happens next, which then has happened."""
+        tensors = {
+            field.name: getattr(rollout, field.name) for field in fields(Rollout)
+        } | rollout.observation
+        columns = {
+            name: value[:, column].numpy()
+            for name, value in tensors.items()
+            if isinstance(value, torch.Tensor) and name not in ("state", "bootstrap")
+        }
+        steps = [{name: value[t] for name, value in columns.items()} for t in range(len(rollout.first))]
+        return all(self._follows(step) for step in steps)
+
+    def _follows(self, step: dict[str, np.ndarray]) -> bool:
+        action, mask = int(step["actions"]), step["mask"]
+        if self.first:
+            straight = np.array_equal(step["frames"], self.seen["frames"])
+            self.flipped.append(self.swapped is not None and not straight)
+        if self.flipped[-1] and self.swapped is not None:
+            step = step | {"frames": step["frames"][..., ::-1]}
+            action, mask = self.swapped[action], mask[self.swapped]
+        shown = (
+            np.array_equal(step["frames"], self.seen["frames"])
+            and np.array_equal(step["target"], self.seen["target"])
+            and np.array_equal(mask, self.info["action_mask"])
+            and step["first"] == self.first
+            and step["views"] == self.info["views"]
+            and step["labels"] == self.info["label"]
+            and step["right"] == (action == self.info["label"])
+        )
+        if not shown:
+            return False
+        self.seen, reward, terminated, truncated, self.info = self.env.step(np.int64(action))
+        came = (step["rewards"] == reward, step["terminated"] == terminated, step["truncated"] == truncated)
+        self.first = terminated or truncated
+        self.ends += self.first
+        if self.first:
+            self.seen, self.info = self.env.reset()
+        return all(came)
+
+
 def test_every_step_is_what_the_environment_did() -> None:
-    rollouts = collect("threads", 12)
-    seed = int(np.random.SeedSequence(3, spawn_key=(0,)).generate_state(1)[0] >> 1)
-    ends = 0
-    for i in range(3):
-        env = Mischief()
-        seen, info = env.reset(seed=seed + i)
-        first = True
-        for rollout in rollouts:
-            for t in range(4):
-                assert np.array_equal(rollout.observation["frames"][t, i].numpy(), seen["frames"])
-                assert np.array_equal(rollout.observation["target"][t, i].numpy(), seen["target"])
-                assert np.array_equal(rollout.mask[t, i].numpy(), info["action_mask"])
-                assert bool(rollout.first[t, i]) == first
-                assert int(rollout.views[t, i]) == info["views"]
-                assert int(rollout.labels[t, i]) == info["label"]
-                action = int(rollout.actions[t, i])
-                assert bool(rollout.right[t, i]) == (action == info["label"])
-                seen, reward, terminated, truncated, info = env.step(action)
-                assert float(rollout.rewards[t, i]) == reward
-                assert bool(rollout.terminated[t, i]) == terminated
-                assert bool(rollout.truncated[t, i]) == truncated
-                first = terminated or truncated
-                ends += first
-                if first:
-                    seen, info = env.reset()
-    assert ends > 20
+    replays = [Replay(i) for i in range(3)]
+    for rollout in collect("threads", 12):
+        assert all(replay.follows(rollout, i) for i, replay in enumerate(replays))
+    assert sum(replay.ends for replay in replays) > 20
 
 
+@pytest.mark.parametrize("kind", ["threads", "processes"])
+def test_lanes_are_played_each_on_its_own(kind: str) -> None:
+    """Trajectories of two lanes come in any order: some way to share them out is what the two did."""
+    crew = actors(kind, agents=1, envs_per_agent=2, lanes=2, training_batch=1)
+    ways = [[Replay(0), Replay(1)]]
+    try:
+        for _ in range(16):
+            rollout = crew.collect(EPSILON)
+            tries = [(deepcopy(way), lane) for way in ways for lane in range(2)]
+            ways = [way for way, lane in tries if way[lane].follows(rollout)]
+            assert ways
+    finally:
+        crew.close()
+    assert any(min(replay.ends for replay in way) > 3 for way in ways)
+
+
+@pytest.mark.parametrize("dropout", [0.0, 0.5])
 @pytest.mark.parametrize("memory", ["stack", "lstm", "pool"])
-def test_network_judges_the_same_when_it_looks_again(memory: str) -> None:
+def test_network_judges_the_same_when_it_looks_again(memory: str, dropout: float) -> None:
     """Memory is carried over trajectories, and actions were drawn with the probabilities written down."""
-    net, rollouts = network(memory), collect("threads", 5, memory)
+    net, rollouts = network(memory), collect("threads", 5, memory, mirror=True, dropout=dropout)
     values = []
     for rollout in rollouts:
         output = net(rollout.observation, rollout.state, rollout.first)
@@ -66,8 +117,26 @@ def test_network_judges_the_same_when_it_looks_again(memory: str) -> None:
         values.append(output.value)
     for rollout, following in zip(rollouts, values[1:], strict=False):
         torch.testing.assert_close(rollout.bootstrap, following[0], rtol=1e-4, atol=1e-5)
+        if dropout:
+            assert 0.4 < (rollout.observation["dropout"] == 0).float().mean() < 0.6
     if memory != "stack":
         assert any(bool((rollout.state != 0).any()) for rollout in rollouts[1:])
+
+
+def test_every_other_episode_is_played_in_a_mirror() -> None:
+    """Its pictures are flipped, and moves go the other way round: what is legal and done agrees behind it."""
+    tree = network().tree
+    swapped = [
+        tree.index(branch, in_mirror(leaf)) if branch == NAVIGATE else i
+        for i, (branch, leaf) in enumerate(tree.names)
+    ]
+    replays, seen = [Replay(i, swapped) for i in range(3)], {True: 0, False: 0}
+    for rollout in collect("threads", 12, mirror=True):
+        assert all(replay.follows(rollout, i) for i, replay in enumerate(replays))
+    for replay in replays:
+        for flipped in replay.flipped:
+            seen[flipped] += 1
+    assert min(seen.values()) > 5
 
 
 def test_processes_play_what_threads_play() -> None:

@@ -24,8 +24,9 @@ def spec(**kwargs: Any) -> EnvSpec:
 def actors(
     kind: str = "threads", net: LSDNet | None = None, *, seed: int = 3, length: int = 4, **settings: Any
 ) -> GA3CActors:
-    """Actors on the ring; settings that are not GA3C's are the environment's."""
+    """Actors on the ring; settings that are neither theirs nor GA3C's are the environment's."""
+    varied = {name: settings.pop(name) for name in ("mirror", "dropout") if name in settings}
     own = {name: settings.pop(name) for name in list(settings) if name in GA3CSettings.model_fields}
     world = spec(**settings) if kind == "processes" else lambda: Mischief(**settings)
     chosen = GA3CSettings(**{"agents": 2, **own})
-    return GA3CActors(world, net or network(), chosen, length, seed)
+    return GA3CActors(world, net or network(), chosen, length, seed, **varied)

@@ -26,6 +26,7 @@ from activelsd.train.actors.ga3c.queues import BatchQueue, ClosedError
 from activelsd.train.actors.ga3c.slots import Layout, Slots
 from activelsd.train.actors.ga3c.trainer import Batch, TrainerThread
 from activelsd.train.actors.ga3c.trajectory import Recorder, Trajectory, batch
+from activelsd.train.augment import WAYS, Variation
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import GA3CSettings
 
@@ -45,6 +46,10 @@ class GA3CActors:
         settings: GA3CSettings,
         length: int,
         seed: int,
+        *,
+        vary_crops: bool = False,
+        mirror: bool = False,
+        dropout: float = 0.0,
     ) -> None:
         """Set out the parts.
 
@@ -54,6 +59,9 @@ class GA3CActors:
             settings: how many of everything.
             length: L, steps of a trajectory.
             seed: fixes which episodes are drawn; which actions, only as far as threads keep their order.
+            vary_crops: whether episodes' crops are cut and lit otherwise.
+            mirror: whether every other episode is seen in a mirror.
+            dropout: share of the memory's features left out at every look, in acting and learning.
         """
         self._world, self._settings, self._length, self._seed = world, settings, length, seed
         shape = network.shape
@@ -62,10 +70,11 @@ class GA3CActors:
         layout = Layout.of(
             observation_space(shape.size, shape.frames, crops=shape.crops),
             agents=self._most.agents,
-            envs=settings.envs_per_agent,
+            lanes=settings.lanes,
+            envs=settings.envs_per_agent // settings.lanes,
             actions=network.tree.n,
         )
-        size = max(1, (settings.training_batch or settings.agents * layout.envs) // layout.envs)
+        size = max(1, (settings.training_batch or settings.agents * settings.envs_per_agent) // layout.envs)
         self._gauges = Gauges()
         self._asks: BatchQueue[int] = BatchQueue()
         self._full: BatchQueue[Trajectory] = BatchQueue(limit=size)
@@ -73,8 +82,19 @@ class GA3CActors:
         self._ready: BatchQueue[Batch] = BatchQueue()
         self._ordered = 0  # batches not yet taken
         self._size, self._layout = size, layout
-        memory = network.initial_state(layout.agents * layout.envs).view(layout.agents, layout.envs, -1)
-        self._desk = Desk(network, Slots(layout), {}, memory, self._full, self._gauges)
+        memory = network.initial_state(layout.rows * layout.envs).view(layout.rows, layout.envs, -1)
+        device, crops = memory.device, vary_crops and shape.crops
+        self._desk = Desk(
+            network,
+            Slots(layout),
+            {},
+            memory,
+            self._full,
+            self._gauges,
+            Variation([network.tree], network.tree, device, crops=crops, mirror=mirror),
+            torch.zeros(layout.rows, layout.envs, WAYS, device=device),
+            dropout,
+        )
         self._predictors: list[Predictor] = []
         self._trainers: list[TrainerThread] = []
         self._adjuster: Adjuster | None = None
@@ -154,7 +174,8 @@ class GA3CActors:
     def _release(self) -> None:
         for agent in list(self._desk.agents.values()):
             agent.stop()
-            agent.answer()  # nobody else does any more
+            for lane in range(self._layout.lanes):
+                agent.answer(lane)  # nobody else does any more
 
     def _start(self) -> None:
         settings = self._settings
@@ -182,7 +203,8 @@ class GA3CActors:
         """Start or end agents, predictors and trainers until there are so many."""
         agents = self._desk.agents
         for number in range(len(agents), counts.agents):
-            agents[number] = Agent(number, Recorder(self._layout, self._length), self._around)
+            recorders = [self._recorder() for _ in range(self._layout.lanes)]
+            agents[number] = Agent(number, recorders, self._around)
             agents[number].start()
         leaving = [agents[number] for number in range(counts.agents, len(agents))]
         for agent in leaving:
@@ -192,6 +214,10 @@ class GA3CActors:
             del agents[agent.number]
         _resize(self._trainers, counts.trainers, self._trainer)
         _resize(self._predictors, counts.predictors, self._predictor)
+
+    def _recorder(self) -> Recorder:
+        dropped = self._desk.network.memory.outputs if self._desk.dropout else 0
+        return Recorder(self._layout, self._length, dropped)
 
     def _player(self, number: int, wanted: Callable[[], bool]) -> Player:
         with self._lock:
@@ -230,10 +256,11 @@ class GA3CActors:
 
     def _make_batch(self, trajectories: Sequence[Trajectory]) -> Batch:
         desk = self._desk
+        left_out = ("dropout",) if desk.dropout else ()  # it is part of what was seen
         return Batch(
             *batch(
                 trajectories,
-                tuple(self._layout.observation),
+                (*self._layout.observation, *left_out),
                 desk.network.tree.span(CLASSIFY),
                 desk.epsilon,
                 desk.memory.device,

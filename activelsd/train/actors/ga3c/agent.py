@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from activelsd.errors import ActiveLSDError, TrainingError
@@ -25,7 +25,7 @@ class Surroundings:
     Attributes:
         world: the environment's name, for messages.
         make: a player from an agent's number and what is asked while it is waited for.
-        asks: the prediction queue, of agents' numbers.
+        asks: the prediction queue, of rows of the slots.
         starting: holds the agents that start at the same time.
         restarts: how often an agent may get a new player.
         gauges: where losses are counted.
@@ -44,27 +44,28 @@ class Surroundings:
 class Agent(threading.Thread):
     """The thread of an agent, whether its player is in this process or in one of its own.
 
-    While it has asked, its slots and its recorder are the predictor's; at all other times they are its own.
+    While it has asked about a lane, the slots and the recorder of that are the predictor's; at all other
+    times they are its own.
     """
 
-    def __init__(self, number: int, recorder: Recorder, around: Surroundings) -> None:
+    def __init__(self, number: int, recorders: Sequence[Recorder], around: Surroundings) -> None:
         super().__init__(name=f"agent-{number}", daemon=True)
-        self.number, self.recorder = number, recorder
+        self.number, self.recorders = number, recorders  # one for each lane
         self.player: Player | None = None
         self._around = around
         self._answered = threading.Semaphore(0)
         self._stopping = False
 
-    def answer(self) -> None:
-        """Have the actions taken that stand in the slots."""
+    def answer(self, lane: int) -> None:
+        """Have the actions taken that stand in a lane's slots."""
         # Straight to the player: waking this thread first would cost a step of the machine's scheduler.
         player = self.player
         if player is not None:
-            player.go()
+            player.go(lane)
         self._answered.release()
 
     def stop(self) -> None:
-        """Make it end after the answer it waits for, if it waits for one."""
+        """Make it end after the answers it waits for, if it waits for any."""
         self._stopping = True
 
     def run(self) -> None:
@@ -84,19 +85,13 @@ class Agent(threading.Thread):
             self._around.fail(error)
 
     def _play(self) -> None:
-        around = self._around
         try:
-            with around.starting:
+            with self._around.starting:
                 if self._stopping:
                     return
-                self.player = around.make(self.number, lambda: not self._stopping)
+                self.player = self._around.make(self.number, lambda: not self._stopping)
                 self.player.begin()
-            while not self._stopping:
-                around.asks.put(self.number)
-                try:
-                    self.player.wait()
-                finally:  # a process may die before it is answered; until then the slots are the predictor's
-                    self._answered.acquire()
+            self._ask_on(self.player)
         except (ActiveLSDError, ClosedError):
             raise
         except Exception:  # noqa: BLE001  a player in this process; its own traceback is what helps
@@ -106,10 +101,27 @@ class Agent(threading.Thread):
                 player, self.player = self.player, None
                 player.close()
 
+    def _ask_on(self, player: Player) -> None:
+        """Ask about every lane, and again about each whose step is taken."""
+        asks, lanes, open_ = self._around.asks, len(self.recorders), 0
+        try:
+            for lane in range(lanes):
+                asks.put(self.number * lanes + lane)
+                open_ += 1
+            while not self._stopping:
+                lane = player.wait()
+                self._answered.acquire()
+                open_ -= 1
+                asks.put(self.number * lanes + lane)
+                open_ += 1
+        finally:  # a process may die before it is answered; until then the slots are the predictor's
+            for _ in range(open_):
+                self._answered.acquire()
+
     def _mourn(self, loss: AgentLost, lost: int) -> None:
         """Write down what is lost; at most so many times."""
         around, who = self._around, f"Agent {self.number} ({self._around.world})"
-        steps = self.recorder.drop()
+        steps = sum(recorder.drop() for recorder in self.recorders)
         around.gauges.count(agents_lost=1, steps_lost=steps)
         if lost > around.restarts:
             raise TrainingError(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
+from queue import SimpleQueue
 from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from activelsd.envs.base import Observation
 from activelsd.errors import ConfigError
@@ -17,7 +18,7 @@ Env = gymnasium.Env[Observation, np.int64]
 
 
 class Player(Protocol):
-    """Steps the environments of one agent.
+    """Steps the environments of one agent, a lane of them at a time.
 
     `go` is called by whoever has written the actions, everything else by the agent's thread.
     """
@@ -25,11 +26,11 @@ class Player(Protocol):
     def begin(self) -> None:
         """Begin the first episodes."""
 
-    def go(self) -> None:
-        """Have the actions that stand in the slots taken; an episode that ends is followed by the next."""
+    def go(self, lane: int) -> None:
+        """Have the actions in a lane's slots taken; an episode that ends is followed by the next."""
 
-    def wait(self) -> None:
-        """Return when that is done, called before it or after."""
+    def wait(self) -> int:
+        """The next lane of which that is done, called before it or after."""
 
     def close(self) -> None:
         """Let go of the environments."""
@@ -44,49 +45,62 @@ class EnvPlayer:
         Raises:
             ConfigError: they do not show or do what the network was built for.
         """
-        self._envs: list[Env] = []
-        self._slots = {name: array[agent] for name, array in slots.arrays.items()}
-        self._parts = tuple(slots.layout.observation)
-        self._seed, self._told = seed, threading.Semaphore(0)
+        layout = slots.layout
+        rows = range(agent * layout.lanes, (agent + 1) * layout.lanes)
+        self._slots = [{name: array[row] for name, array in slots.arrays.items()} for row in rows]
+        self._envs: list[list[Env]] = [[] for _ in rows]
+        self._parts = tuple(layout.observation)
+        self._seed, self._told = seed, SimpleQueue[int]()
         try:
-            for _ in range(slots.layout.envs):
-                self._envs.append(make())
-                _check(self._envs[-1], slots)
+            for envs in self._envs:
+                for _ in range(layout.envs):
+                    envs.append(make())
+                    _check(envs[-1], slots)
         except BaseException:
             self.close()
             raise
 
     def begin(self) -> None:
         """Begin the first episodes; the seeds of an agent's environments follow one another."""
-        slots = self._slots
-        for i, env in enumerate(self._envs):
-            observation, info = env.reset(seed=self._seed + i)
-            slots["reward"][i], slots["terminated"][i], slots["truncated"][i] = 0.0, False, False
-            slots["cut"][i] = False
-            self._show(i, observation, info, first=True)
+        seed = self._seed
+        for slots, envs in zip(self._slots, self._envs, strict=True):
+            for i, env in enumerate(envs):
+                observation, info = env.reset(seed=seed)
+                slots["reward"][i], slots["terminated"][i], slots["truncated"][i] = 0.0, False, False
+                slots["cut"][i] = False
+                self._show(slots, i, observation, info, first=True)
+                seed += 1
 
-    def go(self) -> None:
+    def go(self, lane: int) -> None:
         """Let `wait` take the step: this thread has others to answer."""
-        self._told.release()
+        self._told.put(lane)
 
-    def wait(self) -> None:
+    def wait(self) -> int:
         """Take the step when told to."""
-        self._told.acquire()
-        self.step()
+        lane = self._told.get()
+        self.step(lane)
+        return lane
 
-    def step(self) -> None:
-        """Take an action in each environment."""
-        slots = self._slots
-        for i, env in enumerate(self._envs):
+    def step(self, lane: int) -> None:
+        """Take an action in each environment of a lane."""
+        slots = self._slots[lane]
+        for i, env in enumerate(self._envs[lane]):
             observation, reward, terminated, truncated, info = env.step(slots["action"][i])
             slots["reward"][i], slots["terminated"][i], slots["truncated"][i] = reward, terminated, truncated
             slots["cut"][i] = "cut" in info
             if terminated or truncated:
                 observation, info = env.reset()
-            self._show(i, observation, info, first=terminated or truncated)
+            self._show(slots, i, observation, info, first=terminated or truncated)
 
-    def _show(self, i: int, observation: Observation, info: dict[str, Any], *, first: bool) -> None:
-        slots = self._slots
+    def _show(
+        self,
+        slots: dict[str, NDArray[Any]],
+        i: int,
+        observation: Observation,
+        info: dict[str, Any],
+        *,
+        first: bool,
+    ) -> None:
         for name in self._parts:
             slots[name][i] = observation[name]
         slots["mask"][i], slots["label"][i] = info["action_mask"], info["label"]
@@ -94,8 +108,9 @@ class EnvPlayer:
 
     def close(self) -> None:
         """Close the environments."""
-        for env in self._envs:
-            env.close()
+        for envs in self._envs:
+            for env in envs:
+                env.close()
 
 
 def check_actions(env: Env, actions: dict[str, Sequence[str]]) -> None:

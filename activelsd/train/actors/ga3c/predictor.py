@@ -6,9 +6,11 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from activelsd.policy.heads import Epsilon
@@ -18,6 +20,7 @@ from activelsd.train.actors.ga3c.gauges import Gauges
 from activelsd.train.actors.ga3c.queues import BatchQueue, ClosedError
 from activelsd.train.actors.ga3c.slots import Slots
 from activelsd.train.actors.ga3c.trajectory import Trajectory
+from activelsd.train.augment import Variation, kept
 
 
 @dataclass(eq=False)
@@ -28,9 +31,12 @@ class Desk:
         network: answers; the learner changes its weights meanwhile.
         slots: what the agents show, and where answers go.
         agents: by number.
-        memory: (agents, envs, width) what the network remembers of every episode, on its device.
+        memory: (rows, envs, width) what the network remembers of every episode, on its device.
         trajectories: the training queue.
         gauges: where batches, queues and waiting are measured.
+        variation: how episodes differ from what environments show.
+        ways: (rows, envs, WAYS) of every episode, on the network's device.
+        dropout: share of the memory's features left out at every look.
         epsilon: exploration from now on.
         version: of the weights, in updates.
     """
@@ -41,6 +47,9 @@ class Desk:
     memory: Tensor
     trajectories: BatchQueue[Trajectory]
     gauges: Gauges
+    variation: Variation
+    ways: Tensor
+    dropout: float = 0.0
     epsilon: Epsilon = Epsilon()
     version: int = 0
 
@@ -62,9 +71,9 @@ class Predictor(threading.Thread):
 
         Args:
             desk: what it shares with others.
-            asks: the prediction queue, of agents' numbers.
-            most: agents answered at once.
-            patience: seconds that an agent may wait for others to ask too.
+            asks: the prediction queue, of rows of the slots.
+            most: rows answered at once.
+            patience: seconds that one may wait for others to be asked about too.
             seed: of the actions drawn.
             fail: called with what ends the training.
         """
@@ -83,28 +92,31 @@ class Predictor(threading.Thread):
         try:
             while not self._stopping:
                 began = time.monotonic()
-                numbers = self._asks.take(1, self._most, self._patience)
+                rows = self._asks.take(1, self._most, self._patience)
                 gauges.rate("predictor_idle", time.monotonic() - began)
-                gauges.mean("prediction_queue", len(numbers) + len(self._asks))
-                self._answer(numbers)
+                gauges.mean("prediction_queue", len(rows) + len(self._asks))
+                self._answer(rows)
         except ClosedError:
             pass
         except Exception as error:  # noqa: BLE001  the learner raises it
             self._fail(error)
 
-    def _answer(self, numbers: Sequence[int]) -> None:
-        desk, agents = self._desk, [self._desk.agents[number] for number in numbers]
-        version, states = desk.version, desk.memory[list(numbers)]
-        actions, behaviour, values = self._decide(numbers, states)
-        full = []
-        for i, agent in enumerate(agents):
-            slot = {name: array[agent.number] for name, array in desk.slots.arrays.items()}
+    def _answer(self, rows: Sequence[int]) -> None:
+        desk = self._desk
+        version, states = desk.version, desk.memory[list(rows)]
+        actions, values, seen = self._decide(rows, states)
+        askers, full = [], []
+        for i, row in enumerate(rows):
+            number, lane = divmod(row, desk.slots.layout.lanes)
+            agent = desk.agents[number]
+            askers.append((agent, lane))
+            recorder = agent.recorders[lane]
+            slot = {name: array[row] for name, array in desk.slots.arrays.items()}
             slot["action"][:] = actions[i]
             if slot["cut"].any():  # what came of the last action nobody knows, so nothing is learned of it
-                desk.gauges.count(episodes_cut=int(slot["cut"].sum()), steps_lost=agent.recorder.drop())
-            trajectory = agent.recorder.add(
-                slot, states[i], behaviour=behaviour[i], value=values[i], version=version
-            )
+                desk.gauges.count(episodes_cut=int(slot["cut"].sum()), steps_lost=recorder.drop())
+            own = {name: array[i] for name, array in seen.items()}
+            trajectory = recorder.add(slot, states[i], own, value=values[i], version=version)
             if trajectory is not None:
                 full.append(trajectory)
         desk.gauges.mean("prediction_batch", actions.size)
@@ -113,24 +125,36 @@ class Predictor(threading.Thread):
         for trajectory in full:
             desk.trajectories.put(trajectory)
         desk.gauges.rate("predictor_blocked", time.monotonic() - began)
-        for agent in agents:
-            agent.answer()
+        for agent, lane in askers:
+            agent.answer(lane)
 
     @torch.no_grad()
-    def _decide(self, numbers: Sequence[int], states: Tensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Actions, their log-probabilities and the values of what is seen, each (N, R)."""
-        desk, device, index = self._desk, self._desk.memory.device, np.asarray(numbers)
-        rows = states.shape[:2]
+    def _decide(
+        self, rows: Sequence[int], states: Tensor
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32], dict[str, NDArray[Any]]]:
+        """Actions to take, values of what is seen, and what was seen and chosen; each (N, R, ...)."""
+        desk, device, index, where = self._desk, self._desk.memory.device, np.asarray(rows), list(rows)
+        shape = states.shape[:2]
 
         def put(name: str) -> Tensor:
             array = desk.slots.arrays[name][index]  # a copy: the slots are written to again
             return torch.from_numpy(array.reshape(-1, *array.shape[2:])).to(device)
 
-        observation = {name: put(name)[None] for name in desk.slots.layout.observation}
-        output = desk.network(observation, states.flatten(0, 1), put("first")[None])
-        policy = desk.network.distribution(output.logits[0], put("mask"), desk.epsilon)
+        first, vary = put("first"), desk.variation
+        ways = vary.ways(desk.ways[where].flatten(0, 1), first, self._generator)
+        desk.ways[where] = ways.view(*shape, -1)
+        seen = vary.look({name: put(name) for name in desk.slots.layout.observation}, ways)
+        mask = vary.mask(put("mask"), ways)
+        if desk.dropout:
+            seen["dropout"] = kept((len(first), desk.network.memory.outputs), desk.dropout, self._generator)
+        output = desk.network({name: x[None] for name, x in seen.items()}, states.flatten(0, 1), first[None])
+        policy = desk.network.distribution(output.logits[0], mask, desk.epsilon)
         action = policy.sample(self._generator)
-        desk.memory[list(numbers)] = output.state.unflatten(0, rows)
-        answers = (action, policy.log_prob(action), output.value[0])
-        actions, behaviour, values = (x.unflatten(0, rows).cpu().numpy() for x in answers)
-        return actions, behaviour, values
+        desk.memory[where] = output.state.view(*shape, -1)
+        seen |= {"mask": mask, "action": action, "behaviour": policy.log_prob(action)}
+
+        def take(tensor: Tensor) -> NDArray[Any]:
+            array: NDArray[Any] = tensor.reshape(*shape, *tensor.shape[1:]).cpu().numpy()
+            return array
+
+        return take(vary.actions(action, ways)), take(output.value[0]), {k: take(x) for k, x in seen.items()}

@@ -1,7 +1,8 @@
 """A player in a process of its own: both ends of the pipes between it and the agent's thread.
 
-The pipes carry a byte per step, a bell each way; what is seen and done stands in the shared slots. Each
-process ends with its parent, whatever becomes of that: a pipe that only the parent holds open says so.
+The pipes carry a byte per step, a bell each way, which says the lane; what is seen and done stands in the
+shared slots. Each process ends with its parent, whatever becomes of that: a pipe that only the parent holds
+open says so.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ from activelsd.subprogram import NUMBER, start
 from activelsd.train.actors.ga3c.player import Env, EnvPlayer, check_actions
 from activelsd.train.actors.ga3c.slots import Layout, Slots
 
-_DONE, _FAILED = b".", b"!"
+_FAILED = b"!"
+"""What no bell rings; all others are a lane."""
+
 _WHERE = signal.SIGUSR1
 """Asks a process to write down where it is."""
 
@@ -107,7 +110,8 @@ class ProcessPlayer:
             wanted: asked while it is waited for; False ends the waiting.
         """
         self._start_timeout, self._timeout, self._wanted = start_timeout, timeout, wanted
-        self._since: float | None = time.monotonic()  # when it was told to do something not yet done
+        self._due = 1  # things it was told to do and has not done yet
+        self._since = time.monotonic()  # when it began with the first of them
         # Without it the bell's file might be closed in the midst of a ring, and its number be another file's.
         self._ringing = threading.Lock()
         self._trace: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  faulthandler's
@@ -136,36 +140,41 @@ class ProcessPlayer:
         """
         self._wait(self._start_timeout)
 
-    def go(self) -> None:
+    def go(self, lane: int) -> None:
         """Ring."""
-        self._since = time.monotonic()
-        self._tell(b"\n")
+        with self._ringing:
+            if not self._due:
+                self._since = time.monotonic()
+            self._due += 1
+        self._tell(bytes([lane]))
 
     def _tell(self, message: bytes) -> None:
         with self._ringing, suppress(BrokenPipeError):  # it died, and waiting for its answer says how
             if not self._bell.closed:  # all agents are let go at once, those too that have just ended
                 self._bell.write(message)
 
-    def wait(self) -> None:
-        """Return when the step is taken.
+    def wait(self) -> int:
+        """The next lane whose step is taken.
 
         Raises:
             AgentLost: the environment raised, the process died, or it was silent for too long.
         """
-        self._wait(self._timeout)
+        return self._wait(self._timeout)
 
-    def _wait(self, timeout: float) -> None:
+    def _wait(self, timeout: float) -> int:
         while not self._poll.poll(_GLANCE * 1000):
             if not self._wanted():
                 raise AgentLost("was not wanted any more")
-            if self._since is not None and time.monotonic() > self._since + timeout:
+            if self._due and time.monotonic() > self._since + timeout:
                 self._process.send_signal(_WHERE)
                 time.sleep(_TELLING)
                 raise AgentLost(f"was silent for {timeout:g} s{self._trace_text()}")
         answer = self._answers.read(1)
-        if answer == _DONE:
-            self._since = None
-            return
+        if answer and answer != _FAILED:
+            with self._ringing:
+                self._due -= 1
+                self._since = time.monotonic()
+            return answer[0]
         if answer == _FAILED:
             failure = json.loads(self._answers.readline())
             if failure["mistake"]:
@@ -213,8 +222,9 @@ def main() -> None:
         player = EnvPlayer(lambda: _make(job), slots, job["agent"], job["seed"])
         player.begin()
         begun = True
-        while _ring(answers, _DONE) and os.read(0, 1):
-            player.step()
+        lane = b"\0"
+        while _ring(answers, lane) and (lane := os.read(0, 1)):
+            player.step(lane[0])
         player.close()
     except Exception as error:  # noqa: BLE001  the parent says which agent it was
         mistake = isinstance(error, UserError) or (not begun and isinstance(error, gymnasium.error.Error))

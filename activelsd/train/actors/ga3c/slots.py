@@ -1,7 +1,7 @@
 """Where agents and predictors meet: shared memory with a place for the newest step of every environment.
 
 The memory has no name, so nothing of it stays when the last process that maps it is gone, however it ended.
-Agent and predictor never touch a place at once: an agent that has asked waits until it is answered.
+Agent and predictor never touch a place at once: what an agent has asked about rests until it is answered.
 """
 
 from __future__ import annotations
@@ -38,28 +38,35 @@ class Layout:
     """How much room there is, in plain values that JSON holds."""
 
     agents: int
-    envs: int  # of each agent
+    lanes: int  # of each agent; it steps one while the others' answers are awaited
+    envs: int  # of each lane
     actions: int
     observation: Mapping[str, tuple[tuple[int, ...], str]]  # shape and dtype of each part
 
     @classmethod
-    def of(cls, space: gymnasium.spaces.Dict, *, agents: int, envs: int, actions: int) -> Layout:
+    def of(
+        cls, space: gymnasium.spaces.Dict, *, agents: int, lanes: int = 1, envs: int, actions: int
+    ) -> Layout:
         """Room for the observations of a space."""
         parts = {name: (box.shape or (), str(box.dtype)) for name, box in space.items()}
-        return cls(agents=agents, envs=envs, actions=actions, observation=parts)
+        return cls(agents=agents, lanes=lanes, envs=envs, actions=actions, observation=parts)
+
+    @property
+    def rows(self) -> int:
+        """Lanes of all agents; an agent's stand together."""
+        return self.agents * self.lanes
 
     def fields(self) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
-        """Shape and dtype of every array, each (agents, envs, ...)."""
+        """Shape and dtype of every array, each (rows, envs, ...)."""
         one = {name: ((), dtype) for name, dtype in STEP.items()}
         parts = {**self.observation, "mask": ((self.actions,), "bool"), **one}
         return {
-            name: ((self.agents, self.envs, *shape), np.dtype(dtype))
-            for name, (shape, dtype) in parts.items()
+            name: ((self.rows, self.envs, *shape), np.dtype(dtype)) for name, (shape, dtype) in parts.items()
         }
 
 
 class Slots:
-    """Arrays (agents, envs, ...) by the names of `Layout.fields`, in memory that processes share.
+    """Arrays (rows, envs, ...) by the names of `Layout.fields`, in memory that processes share.
 
     Attributes:
         layout: what there is room for.

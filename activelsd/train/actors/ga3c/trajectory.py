@@ -15,8 +15,8 @@ from activelsd.policy.heads import Epsilon
 from activelsd.train.actors.ga3c.slots import Layout
 from activelsd.train.rollout import Rollout
 
-_SEEN = ("mask", "first", "label", "views")
-"""What a slot holds of the step it asks about, beside the observation."""
+_ASKED = ("first", "label", "views")
+"""What a slot holds of the step it asks about, beside what the network sees."""
 
 _GIVEN = ("reward", "terminated", "truncated")
 """What it holds of the step before."""
@@ -26,7 +26,7 @@ _GIVEN = ("reward", "terminated", "truncated")
 class Trajectory:
     """L steps of the R environments of an agent."""
 
-    steps: dict[str, NDArray[Any]]  # each (L, R, ...): a slot's arrays, `behaviour` and `version`
+    steps: dict[str, NDArray[Any]]  # each (L, R, ...): a slot's arrays, `behaviour`, `version`, `dropout`
     state: Tensor  # (R, width) memory before the first step
     bootstrap: NDArray[np.float32]  # (R,) value of the state after the last step
 
@@ -39,10 +39,12 @@ class Trajectory:
 class Recorder:
     """Writes the trajectory of one agent; its predictor calls it once per answer."""
 
-    def __init__(self, layout: Layout, length: int) -> None:
-        self._parts = tuple(layout.observation)
+    def __init__(self, layout: Layout, length: int, dropped: int = 0) -> None:
+        """Trajectories of a length, with the factors of so many features if any are left out."""
         one = {name: (shape[1:], dtype) for name, (shape, dtype) in layout.fields().items()}
         one["behaviour"], one["version"] = one["reward"], one["action"]
+        if dropped:
+            one["dropout"] = (layout.envs, dropped), np.dtype("float32")
         self._fields, self._length = one, length
         self._begin()
 
@@ -64,17 +66,18 @@ class Recorder:
         self,
         slot: Mapping[str, NDArray[Any]],
         state: Tensor,
+        seen: Mapping[str, NDArray[Any]],
         *,
-        behaviour: NDArray[np.float32],
         value: NDArray[np.float32],
         version: int,
     ) -> Trajectory | None:
         """Take a step's question and answer, and with it what the step before led to.
 
         Args:
-            slot: the agent's arrays (R, ...), its actions written.
+            slot: the agent's arrays (R, ...).
             state: (R, width) the memory that the question was answered with.
-            behaviour: (R,) log-probability of the actions.
+            seen: (R, ...) what the network saw and chose: the observation's parts, `mask`, `action`, its
+                log-probability `behaviour`, and `dropout` if there is any.
             value: (R,) of what is seen.
             version: of the weights, in updates.
 
@@ -91,9 +94,10 @@ class Recorder:
             self._begin()
         if not self._done:
             self._state = state
-        for name in (*self._parts, *_SEEN, "action"):
+        for name in _ASKED:
             self._steps[name][self._done] = slot[name]
-        self._steps["behaviour"][self._done] = behaviour
+        for name, array in seen.items():
+            self._steps[name][self._done] = array
         self._steps["version"][self._done] = version
         self._done += 1
         return full
