@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from activelsd.train.actors.ga3c.gauges import Gauges
+from activelsd.train.actors.gauges import Gauges
 
 
 def test_each_kind_of_measure_and_a_fresh_window_after_reading() -> None:

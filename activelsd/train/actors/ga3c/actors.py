@@ -18,14 +18,15 @@ from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.train.actors.ga3c.agent import Agent, Surroundings
 from activelsd.train.actors.ga3c.dynamic import Adjuster, Counts, Walk
-from activelsd.train.actors.ga3c.gauges import Gauges
 from activelsd.train.actors.ga3c.player import Env, EnvPlayer, Player
 from activelsd.train.actors.ga3c.predictor import Desk, Predictor
 from activelsd.train.actors.ga3c.process import EnvSpec, Lifeline, ProcessPlayer
 from activelsd.train.actors.ga3c.queues import BatchQueue, ClosedError
+from activelsd.train.actors.ga3c.recorder import Recorder
 from activelsd.train.actors.ga3c.slots import Layout, Slots
 from activelsd.train.actors.ga3c.trainer import Batch, TrainerThread
-from activelsd.train.actors.ga3c.trajectory import Recorder, Trajectory, batch
+from activelsd.train.actors.gauges import Gauges
+from activelsd.train.actors.trajectory import Trajectory, batch
 from activelsd.train.augment import WAYS, Variation
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import GA3CSettings

@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from activelsd.errors import ActiveLSDError, TrainingError
-from activelsd.train.actors.ga3c.gauges import Gauges
 from activelsd.train.actors.ga3c.player import Player
 from activelsd.train.actors.ga3c.process import AgentLost
 from activelsd.train.actors.ga3c.queues import BatchQueue, ClosedError
-from activelsd.train.actors.ga3c.trajectory import Recorder
+from activelsd.train.actors.ga3c.recorder import Recorder
+from activelsd.train.actors.gauges import Gauges
 
 log = logging.getLogger("activelsd.ga3c")
 

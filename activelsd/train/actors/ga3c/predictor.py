@@ -16,10 +16,10 @@ from torch import Tensor
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.train.actors.ga3c.agent import Agent
-from activelsd.train.actors.ga3c.gauges import Gauges
 from activelsd.train.actors.ga3c.queues import BatchQueue, ClosedError
 from activelsd.train.actors.ga3c.slots import Slots
-from activelsd.train.actors.ga3c.trajectory import Trajectory
+from activelsd.train.actors.gauges import Gauges
+from activelsd.train.actors.trajectory import Trajectory
 from activelsd.train.augment import Variation, kept
 
 

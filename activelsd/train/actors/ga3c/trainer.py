@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activelsd.train.actors.ga3c.queues import BatchQueue, ClosedError
-from activelsd.train.actors.ga3c.trajectory import Trajectory
+from activelsd.train.actors.trajectory import Trajectory
 from activelsd.train.rollout import Rollout
 
 

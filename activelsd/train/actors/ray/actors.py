@@ -15,11 +15,11 @@ from activelsd.envs.base import observation_space
 from activelsd.envs.joint import Recording, shares
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet
-from activelsd.train.actors.ga3c.gauges import Gauges
-from activelsd.train.actors.ga3c.trajectory import Trajectory, batch
+from activelsd.train.actors.gauges import Gauges
 from activelsd.train.actors.ray import cluster
 from activelsd.train.actors.ray.crew import Crew, Policy
 from activelsd.train.actors.ray.worker import Job, Played, fingerprint
+from activelsd.train.actors.trajectory import Trajectory, batch
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
 

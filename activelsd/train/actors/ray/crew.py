@@ -15,7 +15,7 @@ import numpy as np
 
 from activelsd.errors import TrainingError, UserError
 from activelsd.policy.heads import Epsilon
-from activelsd.train.actors.ga3c.gauges import Gauges
+from activelsd.train.actors.gauges import Gauges
 from activelsd.train.actors.ray import cluster
 from activelsd.train.actors.ray.worker import Job, Place, Played, Worker
 

@@ -1,19 +1,16 @@
-"""What was played, step by step, until it is long enough to learn from; and many of that as a rollout."""
+"""A lane's trajectory, written step by step as its questions are answered."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from activelsd.policy.heads import Epsilon
 from activelsd.train.actors.ga3c.slots import Layout
-from activelsd.train.rollout import Rollout
+from activelsd.train.actors.trajectory import Trajectory
 
 _ASKED = ("first", "label", "views")
 """What a slot holds of the step it asks about, beside what the network sees."""
@@ -22,22 +19,8 @@ _GIVEN = ("reward", "terminated", "truncated")
 """What it holds of the step before."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory:
-    """L steps of the R environments of an agent."""
-
-    steps: dict[str, NDArray[Any]]  # each (L, R, ...): a slot's arrays, `behaviour`, `version`, `dropout`
-    state: Tensor  # (R, width) memory before the first step
-    bootstrap: NDArray[np.float32]  # (R,) value of the state after the last step
-
-    @property
-    def envs(self) -> int:
-        """R."""
-        return len(self.bootstrap)
-
-
 class Recorder:
-    """Writes the trajectory of one agent; its predictor calls it once per answer."""
+    """Writes the trajectories of a lane; whichever predictor answers calls it once per answer."""
 
     def __init__(self, layout: Layout, length: int, dropped: int = 0) -> None:
         """Trajectories of a length, with the factors of so many features if any are left out."""
@@ -101,45 +84,3 @@ class Recorder:
         self._steps["version"][self._done] = version
         self._done += 1
         return full
-
-
-def batch(
-    trajectories: Sequence[Trajectory],
-    parts: Sequence[str],
-    answers: slice,
-    epsilon: Epsilon,
-    device: torch.device,
-) -> tuple[Rollout, NDArray[np.int64]]:
-    """Trajectories side by side, and the versions (L, B) of the weights that they were played with.
-
-    Args:
-        trajectories: of one length.
-        parts: names of the observation's parts.
-        answers: the actions that name a class.
-        epsilon: the exploration they were played with, near enough.
-        device: where the rollout goes.
-    """
-    whole = {
-        name: np.concatenate([trajectory.steps[name] for trajectory in trajectories], 1)
-        for name in trajectories[0].steps
-    }
-    version = whole.pop("version")
-    steps = {name: torch.from_numpy(array).to(device) for name, array in whole.items()}
-    bootstrap = np.concatenate([trajectory.bootstrap for trajectory in trajectories])
-    rollout = Rollout(
-        observation={name: steps[name] for name in parts},
-        first=steps["first"],
-        mask=steps["mask"],
-        labels=steps["label"],
-        state=torch.cat([trajectory.state for trajectory in trajectories]),
-        actions=steps["action"],
-        epsilon=epsilon,
-        rewards=steps["reward"],
-        terminated=steps["terminated"],
-        truncated=steps["truncated"],
-        right=steps["action"] - answers.start == steps["label"],
-        views=steps["views"],
-        bootstrap=torch.from_numpy(bootstrap).to(device),
-        behaviour=steps["behaviour"],
-    )
-    return rollout, version
