@@ -103,19 +103,19 @@ class Agent(threading.Thread):
 
     def _ask_on(self, player: Player) -> None:
         """Ask about every lane, and again about each whose step is taken."""
-        asks, lanes, open_ = self._around.asks, len(self.recorders), 0
+        asks, lanes, unanswered = self._around.asks, len(self.recorders), 0
         try:
             for lane in range(lanes):
                 asks.put(self.number * lanes + lane)
-                open_ += 1
+                unanswered += 1
             while not self._stopping:
                 lane = player.wait()
                 self._answered.acquire()
-                open_ -= 1
+                unanswered -= 1
                 asks.put(self.number * lanes + lane)
-                open_ += 1
+                unanswered += 1
         finally:  # a process may die before it is answered; until then the slots are the predictor's
-            for _ in range(open_):
+            for _ in range(unanswered):
                 self._answered.acquire()
 
     def _mourn(self, loss: AgentLost, lost: int) -> None:
