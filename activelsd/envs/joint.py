@@ -116,6 +116,13 @@ class JointVectorEnv:
             mask[place, names.action] = part.mask()
         return mask
 
+    def nearer(self) -> Tensor:
+        """(B, n) bool: the moves on the shortest way to a good look."""
+        nearer = torch.zeros(self.num_envs, self.tree.n, dtype=torch.bool, device=self.device)
+        for (part, names), place in zip(self._pairs(), self.places.values(), strict=True):
+            nearer[place, names.action] = part.nearer()
+        return nearer
+
     def advance(self, actions: Tensor) -> Step:
         """Take B actions (int64, (B,)); `row` is of each world's own starts."""
         steps = []

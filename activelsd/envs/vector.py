@@ -17,6 +17,7 @@ from activelsd.envs.base import observation_space
 from activelsd.envs.draws import draw, draw_key
 from activelsd.envs.episode import WHOLE_FRAME, EpisodeRules
 from activelsd.envs.graphenv import tree_of
+from activelsd.envs.guide import Guide
 from activelsd.envs.viewgraph import ViewGraph
 
 STATE = ("keys", "drawn", "row", "seen", "taken", "views", "blocked")
@@ -72,6 +73,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._k = frames
+        self._guide: Guide | None = None
         self._answers = self.tree.span(CLASSIFY)
         self._load(playlist if playlist is not None else graph.starts(split))
         self._listed = playlist is not None
@@ -191,6 +193,15 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
             return self._only_answers.expand(self.num_envs, -1)
         goes_on = (self._taken + 1 < self.rules.max_views)[:, None]
         return self._only_answers | (goes_on & ~self._blocked if self._remembers else goes_on)
+
+    def nearer(self) -> Tensor:
+        """(B, n) bool: the moves on the shortest way to a good look; none where targets have no boxes."""
+        nearer = torch.zeros(self.num_envs, self.tree.n, dtype=torch.bool, device=self.device)
+        if self._pairs is not None:
+            if self._guide is None:  # found when first asked for: it takes a while
+                self._guide = Guide(self.graph, self.device)
+            nearer[:, self._answers.stop :] = self._guide.nearer(self._seen[:, -1], self._target)
+        return nearer
 
     def advance(self, actions: Tensor) -> Step:
         """Take B actions (int64, (B,)); episodes that end are replaced by the next at once."""

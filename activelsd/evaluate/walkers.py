@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from activelsd.envs.actions import NAVIGATE
-from activelsd.envs.oracle import moves_to_go
+from activelsd.envs.guide import Guide
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
 from activelsd.evaluate.players import Trained
@@ -72,23 +72,19 @@ class Oracle(Trained):
             raise ConfigError(
                 "oracle needs a world whose targets have boxes, like env=avd; leave it out here."
             )
-        self._away, self._leads = torch.from_numpy(moves_to_go(graph)), torch.from_numpy(graph.moves).long()
+        self._guide = Guide(graph, network.value.weight.device)
         self._first_move = network.tree.span(NAVIGATE).start
 
     def tell(self, views: Tensor, targets: Tensor) -> None:
         """Where it is and what is asked for, int64 (B,) each; called before `act`."""
-        views, targets = views.cpu(), targets.cpu()
-        leads = self._leads[views]
-        away = self._away[leads, targets[:, None]]  # a blocked move finds some other view's, and is left out
-        nearer = (leads >= 0) & (away >= 0) & (away < self._away[views, targets][:, None])
+        nearer = self._guide.nearer(views, targets)
         self._goes_on, self._move = nearer.any(1), nearer.int().argmax(1) + self._first_move
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
         """The first move that brings it nearer, else the answer."""
         self.look(observation, mask, first)
-        move, goes_on = self._move.to(mask.device), self._goes_on.to(mask.device)
-        legal = mask.gather(1, move[:, None]).squeeze(1)
-        return torch.where(goes_on & legal, move, self.name_class())
+        legal = mask.gather(1, self._move[:, None]).squeeze(1)
+        return torch.where(self._goes_on & legal, self._move, self.name_class())
 
 
 class Look(NamedTuple):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from activelsd.envs.actions import CLASSIFY, ActionTree
+from activelsd.envs.actions import CLASSIFY, NAVIGATE, ActionTree
 
 
 class Epsilon(NamedTuple):
@@ -63,6 +63,10 @@ class ActionDistribution:
     @abstractmethod
     def class_log_probs(self) -> Tensor:
         """(..., m) log-probability of each class given that the agent answers, without epsilon."""
+
+    @abstractmethod
+    def move_log_probs(self) -> Tensor:
+        """(..., n - m) log-probability of each move given that the agent moves, without epsilon."""
 
 
 def _mix(log_p: Tensor, legal: Tensor, epsilon: float) -> Tensor:
@@ -140,6 +144,10 @@ class TreeCategorical(ActionDistribution):
         """(..., m)."""
         return self._leaves[self._tree.branches.index(CLASSIFY)]
 
+    def move_log_probs(self) -> Tensor:
+        """(..., n - m)."""
+        return self._leaves[self._tree.branches.index(NAVIGATE)]
+
     def _named(self) -> zip[tuple[Tensor, str]]:
         return zip(self._leaves, self._tree.branches, strict=True)
 
@@ -169,5 +177,12 @@ class FlatCategorical(ActionDistribution):
 
     def class_log_probs(self) -> Tensor:
         """(..., m), renormalised over the classes."""
-        span = self._tree.span(CLASSIFY)
+        return self._among(CLASSIFY)
+
+    def move_log_probs(self) -> Tensor:
+        """(..., n - m), renormalised over the moves."""
+        return self._among(NAVIGATE)
+
+    def _among(self, branch: str) -> Tensor:
+        span = self._tree.span(branch)
         return _log_softmax(self._logits[..., span], self._mask[..., span])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from activelsd.envs.actions import NAVIGATE
 from activelsd.policy.lsdnet import LSDNet, Output
 from activelsd.train.losses import Losses, Weights, a3c_losses, n_step_returns
 from activelsd.train.parallel import ALONE, Group
@@ -95,9 +96,17 @@ class Learner:
             settings.entropy_branch.at(annealed),
             settings.entropy_leaf.at(annealed),
             settings.supervised,
+            settings.guided,
         )
         return a3c_losses(
-            distribution, output.value, rollout.actions, returns, rollout.labels, weights, advantages
+            distribution,
+            output.value,
+            rollout.actions,
+            returns,
+            rollout.labels,
+            weights,
+            advantages,
+            None if rollout.nearer is None else rollout.nearer[..., self.network.tree.span(NAVIGATE)],
         )
 
     def state(self) -> dict[str, Tensor]:

@@ -18,6 +18,7 @@ class Weights(NamedTuple):
     entropy_branch: float
     entropy_leaf: float
     supervised: float
+    guided: float = 0.0
 
 
 class Losses(NamedTuple):
@@ -29,6 +30,7 @@ class Losses(NamedTuple):
     entropy_branch: Tensor
     entropy_leaf: Tensor
     supervised: Tensor
+    guided: Tensor
 
 
 def n_step_returns(rewards: Tensor, ended: Tensor, bootstrap: Tensor, gamma: float) -> Tensor:
@@ -56,13 +58,15 @@ def a3c_losses(
     labels: Tensor,
     weights: Weights,
     advantages: Tensor | None = None,
+    nearer: Tensor | None = None,
 ) -> Losses:
     """Losses over L x B steps.
 
     Equation 2's sign is turned, so that all terms are minimised: -log pi(a) (R - V), with (R - V) held fixed;
     equation 3: half the squared error of the value. Entropies are bonuses. The supervised term is the
     cross-entropy of the class branch with the label, which is at hand during training. `advantages` (L, B)
-    take the place of (R - V) where they are corrected for another policy's actions.
+    take the place of (R - V) where they are corrected for another policy's actions. The guided term is that
+    of the moves with any that is `nearer`, bool (L, B, moves), where one is legal.
     """
     if advantages is None:
         advantages = returns - value.detach()
@@ -71,11 +75,24 @@ def a3c_losses(
     entropy = distribution.entropy()
     branch, leaf = entropy.branch.mean(), entropy.leaf.mean()
     supervised = functional.nll_loss(distribution.class_log_probs().flatten(0, -2), labels.flatten())
+    guided = (
+        torch.zeros_like(supervised) if nearer is None else _guided(distribution.move_log_probs(), nearer)
+    )
     total = (
         policy
         + weights.value * value_loss
         - weights.entropy_branch * branch
         - weights.entropy_leaf * leaf
         + weights.supervised * supervised
+        + weights.guided * guided
     )
-    return Losses(total, policy, value_loss, branch, leaf, supervised)
+    return Losses(total, policy, value_loss, branch, leaf, supervised, guided)
+
+
+def _guided(log_p: Tensor, nearer: Tensor) -> Tensor:
+    """-log of the probability of any move that is nearer, 0 where none is; the mean over all steps."""
+    right = nearer & ~log_p.isneginf()
+    some = right.any(-1, keepdim=True)
+    # The inner fill keeps the sum away from nothing: its gradient there would be NaN though it is not used.
+    likely = log_p.masked_fill(~right & some, -torch.inf).masked_fill(~some, 0.0).logsumexp(-1)
+    return -torch.where(some.squeeze(-1), likely, 0.0).mean()

@@ -33,4 +33,5 @@ class Rollout:
     bootstrap: Tensor  # (B,) float32, value of the state after the last step
     # (L, B) float32, log-probability each action was drawn with; None where the weights are the same still
     behaviour: Tensor | None = None
+    nearer: Tensor | None = None  # (L, B, n) bool, moves on the shortest way to a good look; None: not asked
     output: Output | None = None  # of the acting pass, (L, B, ...), with its graph

@@ -124,6 +124,12 @@ class TrainSettings(BaseModel):
     supervised: float = Field(
         1.0, ge=0, description="weight of cross-entropy on the class branch at every view"
     )
+    guided: float = Field(
+        0.0,
+        ge=0,
+        description="resident, ray: weight of cross-entropy of the moves with those that lead nearer to a"
+        " good look, known of recordings whose targets have boxes",
+    )
     entropy_branch: Anneal = Field(Anneal(start=0.05, end=0.005), description="entropy bonus: answer or move")
     entropy_leaf: Anneal = Field(
         Anneal(start=0.01, end=0.01), description="entropy bonus: which answer or move"

@@ -104,6 +104,21 @@ def test_masks_leave_each_row_its_own_worlds_actions() -> None:
     assert closed == {True, False}
 
 
+def test_nearer_is_each_worlds_own_and_none_where_there_are_no_boxes() -> None:
+    env, found = joint("ring", "room", num_envs=8), 0
+    env.begin(0)
+    for t in range(10):
+        nearer = env.nearer()
+        assert not nearer[env.places["ring"]].any()
+        room, place = env.parts["room"], env.places["room"]
+        own = [env.tree.index(*action) for action in room.tree.names]
+        assert torch.equal(nearer[place][:, own], room.nearer())
+        found += int(nearer.sum())
+        assert int(nearer.sum()) == int(room.nearer().sum())
+        env.advance(legal(env.mask(), t))
+    assert found
+
+
 def test_another_worlds_action_is_an_error() -> None:
     env = joint("ring", "room")
     env.begin(0)

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 import torch
 
+from activelsd.envs.actions import NAVIGATE
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import tree_of
+from activelsd.envs.oracle import moves_to_go
 from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
@@ -18,11 +20,17 @@ from activelsd.train.learner import Learner
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
 from activelsd.train.trainer import new_network
-from tests.graphs import ring_graph
+from tests.graphs import ring_graph, room_graph
 
 
 def rollout_of(
-    memory: str = "pool", head: str = "tree", rules: str = "V4", dropout: float = 0.0, **settings: Any
+    memory: str = "pool",
+    head: str = "tree",
+    rules: str = "V4",
+    dropout: float = 0.0,
+    *,
+    guided: bool = False,
+    **settings: Any,
 ) -> tuple[LSDNet, Rollout]:
     """A second rollout, so that episodes and memory reach over from the first."""
     graph = ring_graph()
@@ -30,7 +38,7 @@ def rollout_of(
         tree_of(graph), NetworkShape(memory=memory, head=head, size=graph.size, features=32), 1
     )
     env = ViewGraphVectorEnv(graph, PRESETS[rules], num_envs=6, frames=1)
-    actors = ResidentActors(env, network, settings.get("length", 5), seed=2, dropout=dropout)
+    actors = ResidentActors(env, network, settings.get("length", 5), seed=2, dropout=dropout, guided=guided)
     actors.collect(Epsilon(0.5, 0.5))
     return network, actors.collect(Epsilon(0.5, 0.5))
 
@@ -68,6 +76,34 @@ def test_dropout_leaves_out_a_share_of_the_features_at_every_look() -> None:
     observation = {name: value[None] for name, value in env.observe().items()}
     again = network(observation, actors._memory, actors._first[None]).value[0]
     assert torch.equal(bootstrap, again)
+
+
+def test_guided_moves_lead_nearer_also_in_a_mirror() -> None:
+    """What a rollout calls nearer is, as its environment takes it, a move on a shortest way."""
+    graph = room_graph(rooms=4, size=16)
+    graph = replace(graph, move_names=("forward", "backward", "left", "right"))
+    network = new_network(tree_of(graph), NetworkShape(size=graph.size, features=8, crops=True), 1)
+    env = ViewGraphVectorEnv(graph, replace(PRESETS["V4"], try_again=True), num_envs=32, frames=1)
+    actors = ResidentActors(env, network, 1, seed=2, mirror=True, guided=True)
+    away, moves = moves_to_go(graph), network.tree.span(NAVIGATE)
+    found = 0
+    for _ in range(20):
+        views, targets = env.views_seen()[:, -1].tolist(), env.targets.tolist()
+        rollout = actors.collect(Epsilon(0.5, 0.5))
+        assert rollout.nearer is not None
+        inside = (rollout.observation["frames"][0] != torch.from_numpy(graph.frames[views])[:, None]).flatten(
+            1
+        )
+        for b, (view, target, flipped) in enumerate(zip(views, targets, inside.any(1).tolist(), strict=True)):
+            called = rollout.nearer[0, b, moves][[0, 1, 3, 2]] if flipped else rollout.nearer[0, b, moves]
+            to = graph.moves[view]
+            nearer = (to >= 0) & (away[to, target] >= 0) & (away[to, target] < away[view, target])
+            assert called.tolist() == nearer.tolist()
+            found += int(flipped and nearer[2] != nearer[3])
+    assert found > 10
+    assert not rollout.nearer[..., : moves.start].any()
+    assert rollout_of(guided=True)[1].nearer is not None
+    assert not rollout_of(guided=True)[1].nearer.any(), "there are no boxes on a ring"  # type: ignore[union-attr]
 
 
 def test_learning_rate_falls_linearly_to_zero() -> None:

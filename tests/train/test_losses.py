@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from activelsd.envs.actions import ActionTree
-from activelsd.policy.heads import TreeCategorical
+from activelsd.policy.heads import FlatCategorical, TreeCategorical
 from activelsd.train.losses import Weights, a3c_losses, n_step_returns
 
 
@@ -63,6 +63,34 @@ def test_loss_of_one_step_worked_out_by_hand() -> None:
     assert value.grad is not None
     # d/dV of weight * (R - V)^2 / 2; the policy's (R - V) is held fixed.
     assert value.grad.item() == pytest.approx(-0.5 * 0.75)
+
+
+@pytest.mark.parametrize("head", [TreeCategorical, FlatCategorical])
+def test_guided_moves_are_learned_and_nothing_else(head: type[TreeCategorical | FlatCategorical]) -> None:
+    """-log of the share that nearer moves have of all, where one is legal; the mean over all steps."""
+    tree = ActionTree.answer_or_move(["a", "b"], ["left", "right", "on"])
+    leaf = torch.tensor([0.3, -0.2, math.log(4.0), 0.0, math.log(3.0)]).repeat(4, 1, 1).requires_grad_()
+    branch = torch.zeros(4, 1, 2, requires_grad=True)
+    mask = torch.ones(4, 1, 5, dtype=torch.bool)
+    mask[2, 0, 2] = False  # the only move that is nearer is blocked
+    mask[3, 0, 2:] = False  # no move at all, as at the last view
+    nearer = torch.tensor([[1, 1, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0]], dtype=torch.bool)[:, None]
+    distribution = (
+        TreeCategorical(tree, branch, leaf, mask)
+        if head is TreeCategorical
+        else FlatCategorical(tree, leaf, mask)
+    )
+    zero = torch.zeros(4, 1, dtype=torch.int64)
+    weights = Weights(value=0.0, entropy_branch=0.0, entropy_leaf=0.0, supervised=0.0, guided=2.0)
+    value = torch.zeros(4, 1)
+    losses = a3c_losses(distribution, value, zero, value, zero, weights, nearer=nearer)
+    assert losses.guided.item() == pytest.approx(-math.log(5 / 8) / 4)
+    assert losses.total.item() == pytest.approx(2 * losses.guided.item())
+    losses.total.backward()  # type: ignore[no-untyped-call]
+    assert leaf.grad is not None
+    torch.testing.assert_close(leaf.grad[0, 0], torch.tensor([0, 0, 4 / 8 - 4 / 5, 1 / 8 - 1 / 5, 3 / 8]) / 2)
+    assert not leaf.grad[1:].any()
+    assert branch.grad is None or not branch.grad.any()
 
 
 def test_a_better_outcome_than_valued_makes_the_action_likelier() -> None:

@@ -64,7 +64,7 @@ def _on_meta(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_on_meta")
 @pytest.mark.parametrize("world", sorted(WORLDS))
-@pytest.mark.parametrize("changed", [{}, {"mirror": True, "dropout": 0.5}], ids=str)
+@pytest.mark.parametrize("changed", [{}, {"mirror": True, "dropout": 0.5, "guided": 0.5}], ids=str)
 def test_nothing_waits_for_the_device(world: str, changed: dict[str, Any]) -> None:
     settings = TrainSettings(**changed)
     env = play_recordings(WORLDS[world], num_envs=8, frames=1, device="meta")
@@ -78,6 +78,7 @@ def test_nothing_waits_for_the_device(world: str, changed: dict[str, Any]) -> No
         vary_crops=settings.vary_crops,
         mirror=settings.mirror,
         dropout=settings.dropout,
+        guided=settings.guided > 0,
     )
     learner, statistics = Learner(network, settings), Statistics(actors.places)
     for _ in range(2):

@@ -33,13 +33,16 @@ class ResidentActors:
         vary_crops: bool = False,
         mirror: bool = False,
         dropout: float = 0.0,
+        guided: bool = False,
     ) -> None:
         """Start B episodes; `seed` fixes which, how actions are drawn and, if asked for, how they vary.
 
         By `dropout` the network acts, and learns, with that share of its memory's
         features left out, each look with others. Values that returns are built on are of all features.
+        Where `guided`, rollouts say which moves lead nearer to a good look.
         """
-        self.env, self.network, self.length, self._dropout = env, network, length, dropout
+        self.env, self.network, self.length = env, network, length
+        self._dropout, self._guided = dropout, guided
         self.places = env.places if isinstance(env, JointVectorEnv) else {}
         self._generator = torch.Generator(env.device).manual_seed(seed)
         parts = list(env.parts.values()) if isinstance(env, JointVectorEnv) else [env]
@@ -48,6 +51,8 @@ class ResidentActors:
         self._variation = Variation(trees, env.tree, torch.device(env.device), crops=crops, mirror=mirror)
         self._ways = torch.zeros(env.num_envs, WAYS, device=env.device)
         env.begin(seed)
+        if guided:
+            env.nearer()  # ways are found now, not in the midst of a rollout
         self._memory = network.initial_state(env.num_envs)
         self._first = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
 
@@ -55,7 +60,7 @@ class ResidentActors:
         """Play L steps with this much random exploration."""
         env, memory, vary = self.env, self._memory, self._variation
         seen: list[dict[str, Tensor]] = []
-        masks, labels, firsts, actions = [], [], [], []
+        masks, labels, firsts, actions, nearer = [], [], [], [], list[Tensor]()
         outputs: list[Output] = []
         steps: list[Step] = []
         for _ in range(self.length):
@@ -67,6 +72,8 @@ class ResidentActors:
             seen.append(observation)
             masks.append(mask)
             labels.append(env.labels)
+            if self._guided:
+                nearer.append(vary.mask(env.nearer(), self._ways))
             firsts.append(self._first)
             actions.append(action)
             outputs.append(output)
@@ -90,6 +97,7 @@ class ResidentActors:
             right=torch.stack([s.answer for s in steps]) == torch.stack(labels),
             views=torch.stack([s.views for s in steps]),
             bootstrap=bootstrap,
+            nearer=torch.stack(nearer) if nearer else None,
             output=Output(
                 torch.cat([o.logits for o in outputs]), torch.cat([o.value for o in outputs]), self._memory
             ),
@@ -144,6 +152,7 @@ def on_recordings(
             vary_crops=settings.vary_crops,
             mirror=settings.mirror,
             dropout=settings.dropout,
+            guided=settings.guided > 0,
         )
 
     return make

@@ -62,5 +62,6 @@ def batch(
         views=steps["views"],
         bootstrap=torch.from_numpy(bootstrap).to(device),
         behaviour=steps["behaviour"],
+        nearer=steps.get("nearer"),
     )
     return rollout, version

@@ -7,12 +7,17 @@ from pathlib import Path
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.joint import Recording
 from activelsd.errors import DataError
-from tests.graphs import ring_graph
+from tests.graphs import ring_graph, room_graph
 from tests.train.actors.mischief import GRAPH
 
 
 def rings() -> list[Recording]:
     return [Recording("rings", GRAPH, PRESETS["V4"])]
+
+
+def rooms() -> list[Recording]:
+    """With boxes, so that the way to a good look is known."""
+    return [Recording("rooms", room_graph(size=GRAPH.size, crops=False), PRESETS["V4"])]
 
 
 def two_worlds() -> list[Recording]:

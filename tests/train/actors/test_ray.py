@@ -50,7 +50,7 @@ def network_for(worlds: Sequence[Recording]) -> LSDNet:
 
 def settings_of(dropout: float = 0.0, **ray: Any) -> TrainSettings:
     chosen = {"workers": 2, "envs_per_worker": 3, **ray}
-    return TrainSettings(actors="ray", length=4, dropout=dropout, ray=RaySettings(**chosen))
+    return TrainSettings(actors="ray", length=4, dropout=dropout, guided=0.5, ray=RaySettings(**chosen))
 
 
 def worker_of(open_worlds: Callable[[], Sequence[Recording]], seed: int = 5, dropout: float = 0.0) -> Worker:
@@ -90,11 +90,14 @@ def actors(
 # What needs no cluster.
 
 
-def test_a_worker_plays_what_resident_actors_play_with_the_weights_it_is_given() -> None:
-    worlds = recordings.rings()
+@pytest.mark.parametrize("open_worlds", [recordings.rings, recordings.rooms])
+def test_a_worker_plays_what_resident_actors_play_with_the_weights_it_is_given(
+    open_worlds: Callable[[], Sequence[Recording]],
+) -> None:
+    worlds = open_worlds()
     network = network_for(worlds)
-    resident = on_recordings(worlds, TrainSettings(envs=3, length=4), frames=1)(network, 5)
-    ours = worker_of(recordings.rings)
+    resident = on_recordings(worlds, TrainSettings(envs=3, length=4, guided=0.5), frames=1)(network, 5)
+    ours = worker_of(open_worlds)
     for version in range(3):
         with torch.no_grad():
             for parameter in network.parameters():
@@ -105,7 +108,7 @@ def test_a_worker_plays_what_resident_actors_play_with_the_weights_it_is_given()
             **rollout.observation,
             **{"first": rollout.first, "mask": rollout.mask, "label": rollout.labels},
             **{"views": rollout.views, "action": rollout.actions, "reward": rollout.rewards},
-            **{"terminated": rollout.terminated, "truncated": rollout.truncated},
+            **{"terminated": rollout.terminated, "truncated": rollout.truncated, "nearer": rollout.nearer},
         }.items():
             assert np.array_equal(steps[name], tensor), name
         assert np.array_equal(state, rollout.state)
@@ -121,6 +124,8 @@ def test_without_lag_nothing_is_corrected_and_with_it_something_is(dropout: floa
     played = [(worker.play(weights_of(network), 0, EPSILON), 0) for worker in workers]
     rollout = crew._rollout(played, EPSILON)
     assert rollout.rewards.shape == (4, 6)
+    assert rollout.nearer is not None
+    assert rollout.nearer.shape == rollout.mask.shape
     corrected = Learner(network, settings).losses(rollout, 0.0).total.item()
     plain = Learner(network, settings).losses(replace(rollout, behaviour=None), 0.0).total.item()
     assert corrected == pytest.approx(plain, rel=1e-5)

@@ -120,6 +120,8 @@ class Worker:
             "truncated": rollout.truncated,
             "behaviour": policy.log_prob(rollout.actions),
         }
+        if rollout.nearer is not None:
+            steps["nearer"] = rollout.nearer
         arrays = {name: tensor.numpy() for name, tensor in steps.items()}
         return Played(arrays, rollout.state.numpy(), rollout.bootstrap.numpy())
 
