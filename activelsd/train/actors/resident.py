@@ -37,9 +37,9 @@ class ResidentActors:
     ) -> None:
         """Start B episodes; `seed` fixes which, how actions are drawn and, if asked for, how they vary.
 
-        By `dropout` the network acts, and learns, with that share of its memory's
-        features left out, each look with others. Values that returns are built on are of all features.
-        Where `guided`, rollouts say which moves lead nearer to a good look.
+        By `dropout` the network acts, and learns, with that share of its memory's features left out, each
+        look with others; values that returns are built on are of all features. Where `guided`, rollouts say
+        which moves lead nearer to a good look.
         """
         self.env, self.network, self.length = env, network, length
         self._dropout, self._guided = dropout, guided
