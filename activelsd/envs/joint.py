@@ -111,17 +111,18 @@ class JointVectorEnv:
 
     def mask(self) -> Tensor:
         """(B, n) bool: the legal actions, none of another world among them."""
-        mask = torch.zeros(self.num_envs, self.tree.n, dtype=torch.bool, device=self.device)
-        for (part, names), place in zip(self._pairs(), self.places.values(), strict=True):
-            mask[place, names.action] = part.mask()
-        return mask
+        return self._among_all([part.mask() for part in self.parts.values()])
 
     def nearer(self) -> Tensor:
         """(B, n) bool: the moves on the shortest way to a good look."""
-        nearer = torch.zeros(self.num_envs, self.tree.n, dtype=torch.bool, device=self.device)
-        for (part, names), place in zip(self._pairs(), self.places.values(), strict=True):
-            nearer[place, names.action] = part.nearer()
-        return nearer
+        return self._among_all([part.nearer() for part in self.parts.values()])
+
+    def _among_all(self, own: Sequence[Tensor]) -> Tensor:
+        """(B, n) bool from each world's own (b, actions); false for the actions that a world has not."""
+        found = torch.zeros(self.num_envs, self.tree.n, dtype=torch.bool, device=self.device)
+        for names, place, of_world in zip(self._names, self.places.values(), own, strict=True):
+            found[place, names.action] = of_world
+        return found
 
     def advance(self, actions: Tensor) -> Step:
         """Take B actions (int64, (B,)); `row` is of each world's own starts."""

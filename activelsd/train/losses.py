@@ -94,5 +94,5 @@ def _guided(log_p: Tensor, nearer: Tensor) -> Tensor:
     right = nearer & ~log_p.isneginf()
     some = right.any(-1, keepdim=True)
     # The inner fill keeps the sum away from nothing: its gradient there would be NaN though it is not used.
-    likely = log_p.masked_fill(~right & some, -torch.inf).masked_fill(~some, 0.0).logsumexp(-1)
+    likely = log_p.masked_fill(~right, -torch.inf).masked_fill(~some, 0.0).logsumexp(-1)
     return -torch.where(some.squeeze(-1), likely, 0.0).mean()

@@ -125,7 +125,7 @@ class ResidentActors:
     def state(self) -> dict[str, Tensor]:
         """Where every episode stands and what is remembered of it, for a checkpoint."""
         own = {"memory": self._memory, "first": self._first, "generator": self._generator.get_state()}
-        own["ways"] = self._ways
+        own["draws"] = self._ways
         return own | {f"env/{name}": value for name, value in self.env.state().items()}
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
@@ -133,7 +133,7 @@ class ResidentActors:
         device = self.env.device
         self._memory, self._first = tensors["memory"].to(device), tensors["first"].to(device)
         self._generator.set_state(tensors["generator"])
-        self._ways = tensors["ways"].to(device)
+        self._ways = tensors["draws"].to(device)
         self.env.load_state({k.removeprefix("env/"): v for k, v in tensors.items() if k.startswith("env/")})
 
 

@@ -141,8 +141,10 @@ class Predictor(threading.Thread):
             return torch.from_numpy(array.reshape(-1, *array.shape[2:])).to(device)
 
         first, vary = put("first"), desk.variation
-        ways = vary.ways(desk.ways[where].flatten(0, 1), first, self._generator)
-        desk.ways[where] = ways.view(*shape, -1)
+        ways = desk.ways[where].flatten(0, 1)
+        if vary.varies:
+            ways = vary.ways(ways, first, self._generator)
+            desk.ways[where] = ways.view(*shape, -1)
         seen = vary.look({name: put(name) for name in desk.slots.layout.observation}, ways)
         mask = vary.mask(put("mask"), ways)
         if desk.dropout:

@@ -44,9 +44,7 @@ class Layout:
     observation: Mapping[str, tuple[tuple[int, ...], str]]  # shape and dtype of each part
 
     @classmethod
-    def of(
-        cls, space: gymnasium.spaces.Dict, *, agents: int, lanes: int = 1, envs: int, actions: int
-    ) -> Layout:
+    def of(cls, space: gymnasium.spaces.Dict, *, agents: int, lanes: int, envs: int, actions: int) -> Layout:
         """Room for the observations of a space."""
         parts = {name: (box.shape or (), str(box.dtype)) for name, box in space.items()}
         return cls(agents=agents, lanes=lanes, envs=envs, actions=actions, observation=parts)
