@@ -77,7 +77,7 @@ class GA3CActors:
         )
         size = max(1, (settings.training_batch or settings.agents * settings.envs_per_agent) // layout.envs)
         self._gauges = Gauges()
-        self._asks: BatchQueue[int] = BatchQueue()
+        self._asks: BatchQueue[tuple[int, int]] = BatchQueue()
         self._full: BatchQueue[Trajectory] = BatchQueue(limit=size)
         self._orders: BatchQueue[None] = BatchQueue()
         self._ready: BatchQueue[Batch] = BatchQueue()

@@ -25,7 +25,7 @@ class Surroundings:
     Attributes:
         world: the environment's name, for messages.
         make: a player from an agent's number and what is asked while it is waited for.
-        asks: the prediction queue, of rows of the slots.
+        asks: the prediction queue, of agents' numbers and lanes.
         starting: holds the agents that start at the same time.
         restarts: how often an agent may get a new player.
         gauges: where losses are counted.
@@ -34,7 +34,7 @@ class Surroundings:
 
     world: str
     make: Callable[[int, Callable[[], bool]], Player]
-    asks: BatchQueue[int]
+    asks: BatchQueue[tuple[int, int]]
     starting: threading.Semaphore
     restarts: int
     gauges: Gauges
@@ -103,16 +103,16 @@ class Agent(threading.Thread):
 
     def _ask_on(self, player: Player) -> None:
         """Ask about every lane, and again about each whose step is taken."""
-        asks, lanes, unanswered = self._around.asks, len(self.recorders), 0
+        asks, unanswered = self._around.asks, 0
         try:
-            for lane in range(lanes):
-                asks.put(self.number * lanes + lane)
+            for lane in range(len(self.recorders)):
+                asks.put((self.number, lane))
                 unanswered += 1
             while not self._stopping:
                 lane = player.wait()
                 self._answered.acquire()
                 unanswered -= 1
-                asks.put(self.number * lanes + lane)
+                asks.put((self.number, lane))
                 unanswered += 1
         finally:  # a process may die before it is answered; until then the slots are the predictor's
             for _ in range(unanswered):

@@ -46,7 +46,7 @@ class EnvPlayer:
             ConfigError: they do not show or do what the network was built for.
         """
         layout = slots.layout
-        rows = range(agent * layout.lanes, (agent + 1) * layout.lanes)
+        rows = [layout.row(agent, lane) for lane in range(layout.lanes)]
         self._slots = [{name: array[row] for name, array in slots.arrays.items()} for row in rows]
         self._envs: list[list[Env]] = [[] for _ in rows]
         self._parts = tuple(layout.observation)

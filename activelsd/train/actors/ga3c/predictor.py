@@ -60,7 +60,7 @@ class Predictor(threading.Thread):
     def __init__(
         self,
         desk: Desk,
-        asks: BatchQueue[int],
+        asks: BatchQueue[tuple[int, int]],
         *,
         most: int,
         patience: float,
@@ -71,8 +71,8 @@ class Predictor(threading.Thread):
 
         Args:
             desk: what it shares with others.
-            asks: the prediction queue, of rows of the slots.
-            most: rows answered at once.
+            asks: the prediction queue, of agents' numbers and lanes.
+            most: lanes answered at once.
             patience: seconds that one may wait for others to be asked about too.
             seed: of the actions drawn.
             fail: called with what ends the training.
@@ -92,25 +92,23 @@ class Predictor(threading.Thread):
         try:
             while not self._stopping:
                 began = time.monotonic()
-                rows = self._asks.take(1, self._most, self._patience)
+                asked = self._asks.take(1, self._most, self._patience)
                 gauges.rate("predictor_idle", time.monotonic() - began)
-                gauges.mean("prediction_queue", len(rows) + len(self._asks))
-                self._answer(rows)
+                gauges.mean("prediction_queue", len(asked) + len(self._asks))
+                self._answer(asked)
         except ClosedError:
             pass
         except Exception as error:  # noqa: BLE001  the learner raises it
             self._fail(error)
 
-    def _answer(self, rows: Sequence[int]) -> None:
+    def _answer(self, asked: Sequence[tuple[int, int]]) -> None:
         desk = self._desk
-        version, states = desk.version, desk.memory[list(rows)]
+        rows = [desk.slots.layout.row(number, lane) for number, lane in asked]
+        version, states = desk.version, desk.memory[rows]
         actions, values, seen = self._decide(rows, states)
-        askers, full = [], []
-        for i, row in enumerate(rows):
-            number, lane = divmod(row, desk.slots.layout.lanes)
-            agent = desk.agents[number]
-            askers.append((agent, lane))
-            recorder = agent.recorders[lane]
+        full = []
+        for i, (row, (number, lane)) in enumerate(zip(rows, asked, strict=True)):
+            recorder = desk.agents[number].recorders[lane]
             slot = {name: array[row] for name, array in desk.slots.arrays.items()}
             slot["action"][:] = actions[i]
             if slot["cut"].any():  # what came of the last action nobody knows, so nothing is learned of it
@@ -125,26 +123,26 @@ class Predictor(threading.Thread):
         for trajectory in full:
             desk.trajectories.put(trajectory)
         desk.gauges.rate("predictor_blocked", time.monotonic() - began)
-        for agent, lane in askers:
-            agent.answer(lane)
+        for number, lane in asked:
+            desk.agents[number].answer(lane)
 
     @torch.no_grad()
     def _decide(
-        self, rows: Sequence[int], states: Tensor
+        self, rows: list[int], states: Tensor
     ) -> tuple[NDArray[np.int64], NDArray[np.float32], dict[str, NDArray[Any]]]:
         """Actions to take, values of what is seen, and what was seen and chosen; each (N, R, ...)."""
-        desk, device, index, where = self._desk, self._desk.memory.device, np.asarray(rows), list(rows)
+        desk, device = self._desk, self._desk.memory.device
         shape = states.shape[:2]
 
         def put(name: str) -> Tensor:
-            array = desk.slots.arrays[name][index]  # a copy: the slots are written to again
+            array = desk.slots.arrays[name][rows]  # a copy: the slots are written to again
             return torch.from_numpy(array.reshape(-1, *array.shape[2:])).to(device)
 
         first, vary = put("first"), desk.variation
-        ways = desk.ways[where].flatten(0, 1)
+        ways = desk.ways[rows].flatten(0, 1)
         if vary.varies:
             ways = vary.ways(ways, first, self._generator)
-            desk.ways[where] = ways.view(*shape, -1)
+            desk.ways[rows] = ways.view(*shape, -1)
         seen = vary.look({name: put(name) for name in desk.slots.layout.observation}, ways)
         mask = vary.mask(put("mask"), ways)
         if desk.dropout:
@@ -152,7 +150,7 @@ class Predictor(threading.Thread):
         output = desk.network({name: x[None] for name, x in seen.items()}, states.flatten(0, 1), first[None])
         policy = desk.network.distribution(output.logits[0], mask, desk.epsilon)
         action = policy.sample(self._generator)
-        desk.memory[where] = output.state.view(*shape, -1)
+        desk.memory[rows] = output.state.view(*shape, -1)
         seen |= {"mask": mask, "action": action, "behaviour": policy.log_prob(action)}
 
         def take(tensor: Tensor) -> NDArray[Any]:

@@ -54,6 +54,10 @@ class Layout:
         """Lanes of all agents; an agent's stand together."""
         return self.agents * self.lanes
 
+    def row(self, agent: int, lane: int) -> int:
+        """Where an agent's lane stands."""
+        return agent * self.lanes + lane
+
     def fields(self) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
         """Shape and dtype of every array, each (rows, envs, ...)."""
         one = {name: ((), dtype) for name, dtype in STEP.items()}
