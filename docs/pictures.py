@@ -23,7 +23,7 @@ CURVES = {
     "views": "views seen when answering",
     "navigate": "probability of navigating",
     "policy_entropy_loss": "-log max π (the paper's Figure 3)",
-    "val/accuracy": "accuracy on validation objects, greedy",
+    "val/accuracy": "accuracy on validation objects",
 }
 
 

@@ -16,20 +16,34 @@ from activelsd.policy.lsdnet import LSDNet
 
 
 class Trained:
-    """A network's own recognition, stopping and moves, greedily."""
+    """A network's own recognition, stopping and moves.
+
+    Class and move are the likeliest. It stops at the median of the time at which the policy does, were its
+    actions drawn as in training: at the view by which it would have answered in half of all cases. Asking at
+    every view alone whether an answer is likelier than a move would have it go on to the last one where each
+    view's chance of an answer is a little below a half.
+    """
 
     def __init__(self, network: LSDNet, name: str = "trained") -> None:
         self.name, self.network = name, network
         self.frames = network.shape.frames
         self.classes = network.tree.span(CLASSIFY)
+        self._classify = network.tree.branches.index(CLASSIFY)
 
     def begin(self, batch: int) -> None:
         """Clear the memory."""
         self._memory = self.network.initial_state(batch)
+        self._on = torch.ones(batch, device=self._memory.device)
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """The likeliest leaf of the likeliest branch."""
-        return self.look(observation, mask, first).mode()
+        """The likeliest class where it stops, else the likeliest move."""
+        policy = self.look(observation, mask, first)
+        moves = self.classes.stop + policy.move_log_probs().argmax(-1)
+        return torch.where(self.stops(), self.name_class(), moves)
+
+    def stops(self) -> Tensor:
+        """(B,) bool whether it answers now."""
+        return self._on <= 0.5
 
     def answer(self) -> Tensor:
         """The likeliest class, after all views in memory."""
@@ -42,6 +56,8 @@ class Trained:
         output = self.network(one, self._memory, first[None])
         self._memory = output.state
         self._policy: ActionDistribution = self.network.distribution(output.logits[0], mask)
+        answers = self._policy.branch_probs()[:, self._classify]
+        self._on = torch.where(first, 1.0, self._on) * (1.0 - answers)  # the chance to get past this view
         return self._policy
 
     def name_class(self) -> Tensor:
@@ -128,12 +144,11 @@ class RandomWalk(Trained):
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
         """The network's answer, or any legal move where it would move."""
-        action = self.look(observation, mask, first).mode()
+        self.look(observation, mask, first)
         self._draws.look(first)
         moves = mask.clone()
         moves[:, self.classes] = False
-        answers = (action >= self.classes.start) & (action < self.classes.stop)
-        return torch.where(answers, action, self._draws.choose(moves, 0, 1))
+        return torch.where(self.stops(), self.name_class(), self._draws.choose(moves, 0, 1))
 
 
 class RandomPolicy:

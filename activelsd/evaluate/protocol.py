@@ -1,4 +1,4 @@
-"""The protocol every player is measured by: greedy, one answer an episode, one frozen list of episodes."""
+"""The protocol every player is measured by: one answer an episode, one frozen list of episodes."""
 
 from __future__ import annotations
 

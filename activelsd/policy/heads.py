@@ -49,10 +49,6 @@ class ActionDistribution:
         return (probs / torch.empty_like(probs).exponential_(generator=generator)).argmax(-1)
 
     @abstractmethod
-    def mode(self) -> Tensor:
-        """(...) int64 the greedy action, decided level by level, without epsilon."""
-
-    @abstractmethod
     def entropy(self) -> Entropy:
         """Entropy per level."""
 
@@ -126,11 +122,6 @@ class TreeCategorical(ActionDistribution):
             -1,
         )
 
-    def mode(self) -> Tensor:
-        """The likeliest leaf of the likeliest branch."""
-        best = torch.stack([x.argmax(-1) + self._tree.span(b).start for x, b in self._named()], -1)
-        return best.gather(-1, self._branch.argmax(-1, keepdim=True)).squeeze(-1)
-
     def entropy(self) -> Entropy:
         """H(branch), and the sum over branches of pi(branch) H(leaf given branch)."""
         leaves = torch.stack([_entropy(x) for x in self._leaves], -1)
@@ -148,9 +139,6 @@ class TreeCategorical(ActionDistribution):
         """(..., n - m)."""
         return self._leaves[self._tree.branches.index(NAVIGATE)]
 
-    def _named(self) -> zip[tuple[Tensor, str]]:
-        return zip(self._leaves, self._tree.branches, strict=True)
-
 
 class FlatCategorical(ActionDistribution):
     """One softmax over all actions, which the paper compares its tree with; epsilon is the leaf level's."""
@@ -160,10 +148,6 @@ class FlatCategorical(ActionDistribution):
         self._tree, self._logits, self._mask = tree, logits, mask
         self._log_p = _log_softmax(logits, mask)
         self.log_probs = _mix(self._log_p, mask, epsilon.leaf)
-
-    def mode(self) -> Tensor:
-        """The likeliest action."""
-        return self._log_p.argmax(-1)
 
     def entropy(self) -> Entropy:
         """All of it at the leaf level: there is no other."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -111,19 +112,27 @@ def test_the_sweep_is_the_move_that_sees_most() -> None:
     assert longest_sweep(ring(moves=("wall",))) == (0, 1)
 
 
-def always_moving(graph: ViewGraph) -> LSDNet:
+def answering(graph: ViewGraph, chance: float) -> LSDNet:
+    """A network whose policy answers at every view with the same chance."""
     net = network(graph)
     with torch.no_grad():
         net.policy.weight.zero_()
         net.policy.bias.zero_()
-        net.policy.bias[1] = 5.0
+        net.policy.bias[1] = math.log(1 / chance - 1)
     return net
+
+
+@pytest.mark.parametrize("chance", [0.02, 0.06, 0.1, 0.2, 0.3, 0.49, 0.51, 0.9])
+def test_it_stops_when_half_of_all_drawn_episodes_would_have(chance: float) -> None:
+    for name in ("trained", "random_walk"):
+        rows = played(make(name, answering(GRAPH, chance)), rules=EpisodeRules(max_views=30))
+        assert {row.views for row in rows} == {min(30, math.ceil(math.log(0.5) / math.log(1 - chance)))}
 
 
 def test_random_walk_draws_moves_uniformly() -> None:
     """Moves of a ring lead to different views, so paths tell them apart."""
     graph = ring(63, views=6, moves=("cw", "half"))
-    rows = played(make("random_walk", always_moving(graph)), graph, EpisodeRules(max_views=12), batch=50)
+    rows = played(make("random_walk", answering(graph, 0.01)), graph, EpisodeRules(max_views=12), batch=50)
     assert {row.views for row in rows} == {12}
     strides = np.array(
         [[(int(b[1]) - int(a[1])) % 6 for a, b in zip(r.path, r.path[1:], strict=False)] for r in rows]
@@ -132,7 +141,7 @@ def test_random_walk_draws_moves_uniformly() -> None:
     draws = strides == 1
     for sample in (draws, draws[:, 0], draws[:, -1], draws[:, 1:] == draws[:, :-1], draws[1:] == draws[:-1]):
         assert abs(sample.mean() - 0.5) < 4 * 0.5 / np.sqrt(sample.size)
-    others = played(make("random_walk", always_moving(graph), seed=1), graph, EpisodeRules(max_views=12))
+    others = played(make("random_walk", answering(graph, 0.01), seed=1), graph, EpisodeRules(max_views=12))
     assert others != rows
 
 
