@@ -44,6 +44,7 @@ BATCHES = (64, 128, 192, 320)
 LAYOUTS = {"channels last": torch.channels_last, "channels first": torch.contiguous_format}
 WORLD: dict[str, Any] = {"train_per_class": 20, "test_per_class": 2}
 RESIDENT, THREADS, PROCESSES = "resident", "ga3c, threads", "ga3c, processes"
+BFLOAT16 = "resident, bfloat16"
 A2C, APPO = "Stable-Baselines3 A2C", "Sample Factory APPO"
 
 
@@ -148,10 +149,11 @@ def report(rates: Mapping[str, Rate]) -> None:
     both = Rate(*(1 / (1 / act + 1 / learn) for act, learn in zip(acting, learning, strict=True)))
     for name, own in ({**rates, "acting plus learning": both}).items():
         print(f"{name:42} {own.wall:7.0f} steps/s {1e6 / own.cpu:7.0f} us of CPU a step")
+    residents = [name for name in (RESIDENT, BFLOAT16) if name in rates]
     ratios = [
-        (RESIDENT, "learning alone", learning),
+        *((name, "learning alone", learning) for name in residents),
         *((name, "acting plus learning", both) for name in (RESIDENT, THREADS, PROCESSES)),
-        *((RESIDENT, name, rates[name]) for name in (A2C, APPO) if name in rates),
+        *((own, name, rates[name]) for own in residents for name in (A2C, APPO) if name in rates),
     ]
     for name, reference, than in ratios:
         wall, cpu = (own / other for own, other in zip(rates[name], than, strict=True))
@@ -167,22 +169,31 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--threads", type=int, default=1, help="torch threads")
     parser.add_argument("--memory", default="pool", choices=("pool", "lstm", "stack"))
+    parser.add_argument(
+        "--amp",
+        action="store_true",
+        help="resident once more, its passes in bfloat16: for processors made for it",
+    )
     parser.add_argument("--agents", type=int, default=4, help="of ga3c; the episodes are dealt out to them")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
 
     shape = NetworkShape(memory=options.memory, frames=3 if options.memory == "stack" else 1)
     settings, world = TrainSettings(steps=10**9), Recording("modelnet", graph(), PRESETS["V4"])
-    crews = {
+    crews: dict[str, MakeActors] = {
         RESIDENT: on_recordings([world], settings, frames=shape.frames),
         THREADS: ga3c(shape, settings, "threads", options.agents),
         PROCESSES: ga3c(shape, settings, "processes", options.agents),
     }
+    chosen = dict.fromkeys(crews, settings)
+    if options.amp:
+        crews[BFLOAT16] = crews[RESIDENT]
+        chosen[BFLOAT16] = settings.model_copy(update={"amp": True})
     contestants = best_bare(shape, options.seconds / 5, options.rounds)
     with tempfile.TemporaryDirectory() as folder:
         run = Run.create(Path(folder), "throughput", "")
         trainers = {
-            name: Trainer(run, tree_of(graph()), shape, settings, crew, seed=0)
+            name: Trainer(run, tree_of(graph()), shape, chosen[name], crew, seed=0)
             for name, crew in crews.items()
         }
         contestants |= {name: trainer_step(trainer, Statistics()) for name, trainer in trainers.items()}

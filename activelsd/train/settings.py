@@ -140,7 +140,7 @@ class TrainSettings(BaseModel):
 
     optimiser: Literal["adam", "rmsprop"] = Field("adam", description="which optimiser")
     optimiser_epsilon: float = Field(1e-5, gt=0, description="the optimiser's guard against division by zero")
-    learning_rate: float = Field(7e-4, gt=0, description="step size at the start")
+    learning_rate: float = Field(2e-3, gt=0, description="step size at the start")
     decay: bool = Field(True, description="the step size falls linearly to zero")
     clip_norm: float | None = Field(1.0, gt=0, description="clip the gradient's norm to this")
 
