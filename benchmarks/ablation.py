@@ -52,6 +52,7 @@ VARIANTS = {
     "dropout-0.25": "train.dropout=0.25",
     "dropout-0.5": "train.dropout=0.5",
     "mirror": "train.mirror=true",
+    "mirror-0": "train.mirror=false",
     "unguided": "train.guided=0",
     "amp": "train.amp=true",
     "rate-7e-4": "train.learning_rate=7e-4",
