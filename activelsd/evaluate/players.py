@@ -33,7 +33,7 @@ class Trained:
     def begin(self, batch: int) -> None:
         """Clear the memory."""
         self._memory = self.network.initial_state(batch)
-        self._on = torch.ones(batch, device=self._memory.device)
+        self._unanswered = torch.ones(batch, device=self._memory.device)
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
         """The likeliest class where it stops, else the likeliest move."""
@@ -43,7 +43,7 @@ class Trained:
 
     def stops(self) -> Tensor:
         """(B,) bool whether it answers now."""
-        return self._on <= 0.5
+        return self._unanswered <= 0.5
 
     def answer(self) -> Tensor:
         """The likeliest class, after all views in memory."""
@@ -57,7 +57,8 @@ class Trained:
         self._memory = output.state
         self._policy: ActionDistribution = self.network.distribution(output.logits[0], mask)
         answers = self._policy.branch_probs()[:, self._classify]
-        self._on = torch.where(first, 1.0, self._on) * (1.0 - answers)  # the chance to get past this view
+        # The chance that, drawn, it would not have answered up to here.
+        self._unanswered = torch.where(first, 1.0, self._unanswered) * (1.0 - answers)
         return self._policy
 
     def name_class(self) -> Tensor:
