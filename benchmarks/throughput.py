@@ -180,21 +180,20 @@ def main() -> None:
 
     shape = NetworkShape(memory=options.memory, frames=3 if options.memory == "stack" else 1)
     settings, world = TrainSettings(steps=10**9), Recording("modelnet", graph(), PRESETS["V4"])
-    crews: dict[str, MakeActors] = {
-        RESIDENT: on_recordings([world], settings, frames=shape.frames),
-        THREADS: ga3c(shape, settings, "threads", options.agents),
-        PROCESSES: ga3c(shape, settings, "processes", options.agents),
+    resident = on_recordings([world], settings, frames=shape.frames)
+    crews = {
+        RESIDENT: (resident, settings),
+        THREADS: (ga3c(shape, settings, "threads", options.agents), settings),
+        PROCESSES: (ga3c(shape, settings, "processes", options.agents), settings),
     }
-    chosen = dict.fromkeys(crews, settings)
     if options.amp:
-        crews[BFLOAT16] = crews[RESIDENT]
-        chosen[BFLOAT16] = settings.model_copy(update={"amp": True})
+        crews[BFLOAT16] = (resident, settings.model_copy(update={"amp": True}))
     contestants = best_bare(shape, options.seconds / 5, options.rounds)
     with tempfile.TemporaryDirectory() as folder:
         run = Run.create(Path(folder), "throughput", "")
         trainers = {
-            name: Trainer(run, tree_of(graph()), shape, chosen[name], crew, seed=0)
-            for name, crew in crews.items()
+            name: Trainer(run, tree_of(graph()), shape, own, crew, seed=0)
+            for name, (crew, own) in crews.items()
         }
         contestants |= {name: trainer_step(trainer, Statistics()) for name, trainer in trainers.items()}
         contestants |= others(shape, settings)

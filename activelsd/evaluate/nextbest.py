@@ -48,7 +48,7 @@ class NextBestMove(Trained):
 
     def move(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
         """(B,) int64 the next move, where one is legal."""
-        return self._policy.log_probs[:, self._moves].argmax(-1) + int(self._moves.start)
+        return self.likeliest_move()
 
 
 class RandomMoves(NextBestMove):

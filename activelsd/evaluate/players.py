@@ -37,9 +37,8 @@ class Trained:
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
         """The likeliest class where it stops, else the likeliest move."""
-        policy = self.look(observation, mask, first)
-        moves = self.classes.stop + policy.move_log_probs().argmax(-1)
-        return torch.where(self.stops(), self.name_class(), moves)
+        self.look(observation, mask, first)
+        return torch.where(self.stops(), self.name_class(), self.likeliest_move())
 
     def stops(self) -> Tensor:
         """(B,) bool whether it answers now."""
@@ -65,6 +64,11 @@ class Trained:
         """(B,) int64 the action that names the likeliest class."""
         actions: Tensor = self.answer() + self.classes.start
         return actions
+
+    def likeliest_move(self) -> Tensor:
+        """(B,) int64 the likeliest move, where one is legal."""
+        moves: Tensor = self._policy.move_log_probs().argmax(-1) + self.classes.stop
+        return moves
 
 
 class NoMove(Trained):

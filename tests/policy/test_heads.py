@@ -99,14 +99,11 @@ def test_a_flat_head_is_one_softmax(which: int, seed: int, epsilon: float) -> No
     assert policy.entropy().branch.item() == 0.0
     assert policy.entropy().leaf.item() == pytest.approx(entropy(p), abs=1e-5)
     assert policy.branch_probs().tolist() == pytest.approx([sum(p[s]) for s in spans(tree)], abs=1e-6)
-    if any(mask[tree.span("classify")]):
-        span = tree.span("classify")
-        given_answer = softmax(leaf[span], mask[span])
-        assert policy.class_log_probs().exp().tolist() == pytest.approx(given_answer, abs=1e-6)
-    if tree.branches[1] == "navigate" and any(mask[tree.span("navigate")]):
-        span = tree.span("navigate")
-        given_move = softmax(leaf[span], mask[span])
-        assert policy.move_log_probs().exp().tolist() == pytest.approx(given_move, abs=1e-6)
+    for branch, given_branch in (("classify", policy.class_log_probs), ("navigate", policy.move_log_probs)):
+        if branch in tree.branches and any(mask[tree.span(branch)]):
+            span = tree.span(branch)
+            expected = softmax(leaf[span], mask[span])
+            assert given_branch().exp().tolist() == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("head", ["tree", "flat"])

@@ -125,7 +125,7 @@ class ResidentActors:
     def state(self) -> dict[str, Tensor]:
         """Where every episode stands and what is remembered of it, for a checkpoint."""
         own = {"memory": self._memory, "first": self._first, "generator": self._generator.get_state()}
-        own["draws"] = self._ways
+        own["draws"] = self._ways  # by the name that it has in runs begun before
         return own | {f"env/{name}": value for name, value in self.env.state().items()}
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:

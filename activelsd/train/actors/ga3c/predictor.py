@@ -139,10 +139,8 @@ class Predictor(threading.Thread):
             return torch.from_numpy(array.reshape(-1, *array.shape[2:])).to(device)
 
         first, vary = put("first"), desk.variation
-        ways = desk.ways[rows].flatten(0, 1)
-        if vary.varies:
-            ways = vary.ways(ways, first, self._generator)
-            desk.ways[rows] = ways.view(*shape, -1)
+        ways = vary.ways(desk.ways[rows].flatten(0, 1), first, self._generator)
+        desk.ways[rows] = ways.view(*shape, -1)
         seen = vary.look({name: put(name) for name in desk.slots.layout.observation}, ways)
         mask = vary.mask(put("mask"), ways)
         if desk.dropout:
