@@ -32,6 +32,8 @@ from activelsd.train.run import CONFIG
 
 DEFAULT = "default"
 VARIANTS = {
+    # What all worlds had before each was found its own.
+    "alike": "train.learning_rate=7e-4 train.gamma=0.98 train.mirror=false train.dropout=0 train.guided=0",
     "tree": "policy.head=tree",
     "flat": "policy.head=flat",
     # One softmax knows only the schedules of leaves; here they are those of the tree's branch.
@@ -54,6 +56,7 @@ VARIANTS = {
     "mirror": "train.mirror=true",
     "mirror-0": "train.mirror=false",
     "unguided": "train.guided=0",
+    "guided-0.5": "train.guided=0.5",
     "amp": "train.amp=true",
     "rate-7e-4": "train.learning_rate=7e-4",
     "rate-2e-3": "train.learning_rate=2e-3",

@@ -1,12 +1,15 @@
 """Stable-Baselines3's A2C on a world of ours, as a step to be measured.
 
-It gets what the trainer here has: the same observations from as many environments, the same trunk and heads
-of one layer, rollouts as long, an optimiser step per rollout. It lacks a memory over views, a cheap part.
+It gets what the trainer here has: the same observations from as many environments, a trunk of the same size
+and heads of one layer, rollouts as long, an optimiser step per rollout. It lacks a memory over views, a cheap
+part. The trunk is either the same function as a user would write it, in the layout that frames come in, or
+the one here with all that makes it fast.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import gymnasium
 import torch
@@ -14,7 +17,7 @@ from rates import Step
 from stable_baselines3 import A2C
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv
-from torch import Tensor
+from torch import Tensor, nn
 
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.policy.lsdnet import NetworkShape
@@ -22,7 +25,30 @@ from activelsd.policy.trunk import make_trunk
 from activelsd.train.settings import TrainSettings
 
 
-class Features(BaseFeaturesExtractor):
+class Plain(BaseFeaturesExtractor):
+    """The compact trunk's function, weight for weight: its first two layers are one convolution on pixels."""
+
+    def __init__(self, observation_space: gymnasium.spaces.Dict, shape: NetworkShape) -> None:
+        super().__init__(observation_space, shape.features + 5 * shape.frames)
+        self.trunk = nn.Sequential(
+            nn.Conv2d(shape.frames, 32, 12, 4, 4),
+            nn.ReLU(),
+            nn.Conv2d(32, 64, 3, 2, 1),
+            nn.ReLU(),
+            nn.Conv2d(64, 64, 3, 2, 1),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.LazyLinear(shape.features),
+            nn.ReLU(),
+        )
+        self.trunk(torch.zeros(1, shape.frames, shape.size, shape.size))
+
+    def forward(self, observation: dict[str, Tensor]) -> Tensor:
+        """From frames float (N, K, S, S) in [0, 1] and boxes (N, K, 5)."""
+        return torch.cat([self.trunk(observation["frames"]), observation["target"].flatten(1)], 1)
+
+
+class Fast(BaseFeaturesExtractor):
     """The trunk's features of the frames, and the target's boxes beside them."""
 
     def __init__(self, observation_space: gymnasium.spaces.Dict, shape: NetworkShape) -> None:
@@ -36,13 +62,18 @@ class Features(BaseFeaturesExtractor):
         return torch.cat([self.trunk(frames), observation["target"].flatten(1)], 1)
 
 
-def a2c(make: Callable[[], ViewGraphEnv], shape: NetworkShape, settings: TrainSettings) -> Step:
+def a2c(
+    make: Callable[[], ViewGraphEnv],
+    shape: NetworkShape,
+    settings: TrainSettings,
+    features: type[Plain] | type[Fast],
+) -> Step:
     """An update of A2C; environments stand in a `DummyVecEnv`, as its manual advises for light ones."""
-    policy = {
-        "features_extractor_class": Features,
+    policy: dict[str, Any] = {
+        "features_extractor_class": features,
         "features_extractor_kwargs": {"shape": shape},
         "net_arch": [],
-        "ortho_init": False,  # it cannot fill weights that are laid out channels last
+        "ortho_init": features is Plain,  # it cannot fill weights that are laid out channels last
     }
     envs = DummyVecEnv([make] * settings.envs)
     steps = settings.envs * settings.length

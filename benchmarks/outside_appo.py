@@ -24,7 +24,7 @@ from torch import Tensor
 
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.policy.lsdnet import NetworkShape
-from activelsd.policy.trunk import as_input, make_trunk
+from activelsd.policy.trunk import make_trunk
 from activelsd.train.settings import TrainSettings
 
 
@@ -43,7 +43,8 @@ class Features(Encoder):  # type: ignore[misc]
 
     def forward(self, observation: dict[str, Tensor]) -> Tensor:
         """From frames (N, K, S, S) in 0 to 255 and boxes (N, K, 5)."""
-        return torch.cat([self.trunk(as_input(observation["frames"])), observation["target"].flatten(1)], 1)
+        frames = observation["frames"].to(torch.uint8)
+        return torch.cat([self.trunk(frames), observation["target"].flatten(1)], 1)
 
 
 def _env(

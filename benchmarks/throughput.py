@@ -4,7 +4,9 @@ The network alone does, on frames already in memory, an acting forward a step, o
 backward and the optimiser's; each at the best of several batch sizes and memory layouts, which is looked for
 first. The trainer does everything: episodes, exploration, losses, statistics; with resident actors, and with
 GA3C's in threads and in processes. So do the others, of those that are installed: Stable-Baselines3's A2C and
-Sample Factory's APPO with the same observations, trunk, number of environments and of steps.
+Sample Factory's APPO with the same observations, network size, number of environments and of steps. Both get
+the trunk of this project with its layout, which compares trainers; the first gets one besides that computes
+the same as a user would write it, which compares what users have.
 
 All take turns (GA3C's agents stand still at a full training queue meanwhile), so a machine that slows down
 slows all. CPU time is that of this process: what GA3C's processes spend on their environments is not in it.
@@ -45,7 +47,8 @@ LAYOUTS = {"channels last": torch.channels_last, "channels first": torch.contigu
 WORLD: dict[str, Any] = {"train_per_class": 20, "test_per_class": 2}
 RESIDENT, THREADS, PROCESSES = "resident", "ga3c, threads", "ga3c, processes"
 BFLOAT16 = "resident, bfloat16"
-A2C, APPO = "Stable-Baselines3 A2C", "Sample Factory APPO"
+A2C, APPO = "Stable-Baselines3 A2C", "Sample Factory APPO, this trunk"
+A2C_FAST = f"{A2C}, this trunk"
 
 
 @cache
@@ -123,9 +126,10 @@ def others(shape: NetworkShape, settings: TrainSettings) -> dict[str, Step]:
     """The frameworks that are installed, and a line on how to get those that are not."""
     found, make = {}, partial(one_env, shape.frames)
     try:
-        from outside_a2c import a2c
+        from outside_a2c import Fast, Plain, a2c
 
-        found[A2C] = a2c(make, shape, settings)
+        found[A2C] = a2c(make, shape, settings, Plain)
+        found[A2C_FAST] = a2c(make, shape, settings, Fast)
     except ModuleNotFoundError as error:
         print(f"without {A2C} ({error}): pip install -c constraints.txt -e '.[test]'")
     try:
@@ -153,7 +157,7 @@ def report(rates: Mapping[str, Rate]) -> None:
     ratios = [
         *((name, "learning alone", learning) for name in residents),
         *((name, "acting plus learning", both) for name in (RESIDENT, THREADS, PROCESSES)),
-        *((own, name, rates[name]) for own in residents for name in (A2C, APPO) if name in rates),
+        *((own, name, rates[name]) for own in residents for name in (A2C, A2C_FAST, APPO) if name in rates),
     ]
     for name, reference, than in ratios:
         wall, cpu = (own / other for own, other in zip(rates[name], than, strict=True))

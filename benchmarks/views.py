@@ -24,7 +24,7 @@ from torch.nn import functional
 
 from activelsd.envs.modelnet.renderer import render_views
 from activelsd.envs.modelnet.shapes import CATEGORIES, make_shape
-from activelsd.policy.trunk import Compact, as_input
+from activelsd.policy.trunk import Compact
 
 AZIMUTHS = 12
 ELEVATION = 30.0
@@ -70,7 +70,7 @@ class ViewPool(nn.Module):
     def forward(self, frames: Tensor) -> Tensor:
         """Logits (B, classes) of uint8 frames (B, K, S, S)."""
         b, k, s, _ = frames.shape
-        x = self.trunk(as_input(frames.reshape(b * k, 1, s, s)))
+        x = self.trunk(frames.reshape(b * k, 1, s, s))
         logits: Tensor = self.classes(x.reshape(b, k, -1).amax(dim=1))
         return logits
 

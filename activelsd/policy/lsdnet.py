@@ -120,7 +120,7 @@ class LSDNet(nn.Module):
         """
         frames, target = observation["frames"], observation["target"].flatten(2)
         pictures = observation.get("crops", frames) if self.shape.crops else frames
-        features = self.trunk(as_input(pictures.flatten(0, 1))).unflatten(0, first.shape)
+        features = self.trunk(pictures.flatten(0, 1)).unflatten(0, first.shape)
         remembered, state = self.memory(features, state, first)
         if "dropout" in observation:
             remembered = remembered * observation["dropout"]

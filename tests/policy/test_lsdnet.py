@@ -13,7 +13,7 @@ from activelsd.envs.actions import ActionTree
 from activelsd.errors import ConfigError, RunError
 from activelsd.policy.checkpoint import MEANING, WEIGHTS, load_network, save_network
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
-from activelsd.policy.trunk import AlexNet, as_input
+from activelsd.policy.trunk import AlexNet, Blocks, as_input
 
 TREE = ActionTree.answer_or_move(["a", "b", "c"], ["left", "right"])
 
@@ -45,9 +45,20 @@ def test_alexnet_has_the_papers_layers() -> None:
     assert convolutions[0].in_channels == 3
     assert [layer.out_features for layer in trunk.dense if isinstance(layer, nn.Linear)] == [4096, 4096]
     with torch.no_grad():
-        features = trunk(as_input(torch.zeros(1, 3, 224, 224, dtype=torch.uint8)))
+        features = trunk(torch.zeros(1, 3, 224, 224, dtype=torch.uint8))
     assert features.shape == (1, 4096)
     assert (features >= 0).all()
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
+def test_blocks_are_pixels_unshuffled(channels: int, layout: torch.memory_format) -> None:
+    frames = torch.randint(0, 256, (5, channels, 24, 16), dtype=torch.uint8).contiguous(memory_format=layout)
+    expected = nn.PixelUnshuffle(4)(as_input(frames))
+    for given in (frames, as_input(frames)):
+        blocks = Blocks()(given)
+        assert torch.equal(blocks, expected)
+        assert blocks.is_contiguous(memory_format=torch.channels_last)
 
 
 @pytest.mark.parametrize("memory", ["stack", "pool", "lstm"])
