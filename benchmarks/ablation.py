@@ -61,7 +61,8 @@ VARIANTS = {
     "rate-7e-4": "train.learning_rate=7e-4",
     "rate-2e-3": "train.learning_rate=2e-3",
     "envs-16": "train.envs=16",
-    "ga3c-threads": "train.actors=ga3c train.ga3c.kind=threads train.ga3c.agents=4 train.ga3c.envs_per_agent=16",
+    "ga3c-threads": "train.actors=ga3c train.ga3c.kind=threads train.ga3c.agents=4 "
+    "train.ga3c.envs_per_agent=16",
     "ga3c-processes": "train.actors=ga3c train.ga3c.agents=4 train.ga3c.envs_per_agent=16 train.vtrace=true",
     "epsilon-0.1": "train.epsilon_branch.start=0.1 train.epsilon_leaf.start=0.1",
     "gamma-0.5": "train.gamma=0.5",
