@@ -27,7 +27,7 @@ from scipy.special import stdtrit
 from activelsd.compose import load, resolve
 from activelsd.contest import evaluate
 from activelsd.errors import ConfigError, did_you_mean
-from activelsd.launch import begin, resume
+from activelsd.launch import begin, open_worlds, resume
 from activelsd.train.run import CONFIG
 
 DEFAULT = "default"
@@ -202,6 +202,7 @@ def main() -> None:
         name: [(*words, f"seed={seed}") for seed in range(options.seeds)]
         for name, words in variants(base, only).items()
     }
+    open_worlds(resolve(base))  # so that views are prepared once, not by several jobs at the same time
     print(study(wanted, options.split, options.out, options.jobs), end="")
 
 
