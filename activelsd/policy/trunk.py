@@ -67,14 +67,13 @@ class Blocks(nn.Module):
         """uint8, or float in [0, 1], (N, C, S, S) to float (N, 16 C, S / 4, S / 4), channels last."""
         n, channels, height, width = frames.shape
         rows, columns = height // self.SIDE, width // self.SIDE
-        if frames.dtype == torch.uint8:
+        pixels = frames.dtype
+        if pixels == torch.uint8:
             # The four bytes of a block's row move as one word.
             frames = frames.contiguous().view(torch.int32)
         squares = frames.reshape(n, channels, rows, self.SIDE, columns, -1).permute(0, 2, 4, 1, 3, 5)
-        squares = squares.contiguous()
-        if squares.dtype == torch.int32:
-            squares = squares.view(torch.uint8).to(torch.float32).mul_(1.0 / 255.0)
-        return squares.reshape(n, rows, columns, -1).permute(0, 3, 1, 2)
+        blocks = squares.contiguous().view(pixels).reshape(n, rows, columns, -1).permute(0, 3, 1, 2)
+        return as_input(blocks) if pixels == torch.uint8 else blocks
 
 
 class Compact(nn.Module):
