@@ -317,7 +317,7 @@ class RunConfig(Section):
             )
         if self.train.actors == "ga3c" and len(self.worlds) > 1:
             raise ValueError("train.actors=ga3c plays one world; for several set train.actors=resident")
-        for switch in ("amp", "compile"):
+        for switch in ("amp", "compile", "cuda_graphs"):
             if getattr(self.train, switch) and self.train.actors != "resident":
                 raise ValueError(
                     f"train.{switch}=true is for train.actors=resident, whose acting pass is the learning"

@@ -22,7 +22,7 @@ from activelsd.console import notice, progress
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.joint import Recording, union
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
-from activelsd.errors import RunError, UserError
+from activelsd.errors import ConfigError, RunError, UserError
 from activelsd.evaluate.compare import measure
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
@@ -61,7 +61,7 @@ def begin(config: RunConfig) -> Path:
         UserError: something of the config does not fit; no folder is left behind.
         KeyboardInterrupt: stopped; its text says how to go on.
     """
-    device = build_device(config.device, build_threads(config))
+    device = _device(config)
     with Group.joined(device) as group:
         if config.policy.init is not None:
             find_checkpoint(config.policy.init)  # before the worlds are opened, which takes a while
@@ -79,7 +79,7 @@ def begin(config: RunConfig) -> Path:
 def resume(folder: Path, words: Sequence[str]) -> Path:
     """Go on with a run from its last checkpoint, or from its beginning where it has none yet; its folder."""
     run, config = Run(folder), resumed_config(folder, words)
-    device = build_device(config.device, build_threads(config))
+    device = _device(config)
     with Group.joined(device) as group:
         worlds = open_worlds(config, group)
         if words and group.rank == 0:
@@ -92,6 +92,15 @@ def resume(folder: Path, words: Sequence[str]) -> Path:
 def resumed_config(folder: Path, words: Sequence[str]) -> RunConfig:
     """A run's own config with the few things changed that may be."""
     return change(load(Run(folder).folder / CONFIG), words, ON_RESUME, "a run goes on as it began")
+
+
+def _device(config: RunConfig) -> str:
+    device = build_device(config.device, build_threads(config))
+    if config.train.cuda_graphs and device == "cpu":
+        raise ConfigError(
+            "train.cuda_graphs=true is for a GPU, and this run would be on a CPU; leave it out."
+        )
+    return device
 
 
 def _train(config: RunConfig, run: Run, worlds: Sequence[Recording], device: str, group: Group) -> Path:

@@ -284,7 +284,7 @@ def test_wrong_words_about_several_worlds(presets: Path, words: str, sentence: s
 
 
 @pytest.mark.parametrize("actors", ["ga3c", "ray"])
-@pytest.mark.parametrize("switch", ["amp", "compile"])
+@pytest.mark.parametrize("switch", ["amp", "compile", "cuda_graphs"])
 def test_speed_switches_are_for_resident_actors(switch: str, actors: str) -> None:
     assert getattr(resolve(["env=modelnet", f"train.{switch}=true"]).train, switch)
     with pytest.raises(ConfigError, match=rf"^train\.{switch}=true is for train\.actors=resident"):

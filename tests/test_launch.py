@@ -108,3 +108,5 @@ def test_cuda_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     assert build_device("auto", None) == "cpu"
     with pytest.raises(ConfigError, match="set device=cpu"):
         build_device("cuda", None)
+    with pytest.raises(ConfigError, match=r"^train\.cuda_graphs=true is for a GPU"):
+        launch.begin(resolve([*QUICK, "train.cuda_graphs=true"]))

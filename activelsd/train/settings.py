@@ -112,6 +112,9 @@ class TrainSettings(BaseModel):
         False, description="resident: the network's passes in bfloat16, for processors made for it"
     )
     compile: bool = Field(False, description="resident: the network goes through torch.compile first")
+    cuda_graphs: bool = Field(
+        False, description="resident, on a GPU: compiled, and its passes are replayed as CUDA graphs"
+    )
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 
     gamma: float = Field(0.98, ge=0, le=1, description="discount per action")

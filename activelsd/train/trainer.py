@@ -71,8 +71,8 @@ class Trainer:
                 )
         else:
             self.network = new_network(tree, shape, weights_seed).to(device)
-        if settings.compile:
-            self.network.compile()
+        if settings.compile or settings.cuda_graphs:
+            self.network.compile(mode="reduce-overhead" if settings.cuda_graphs else "default")
         self.learner = Learner(self.network, settings, group)
         self.actors = make_actors(self.network, play_seeds[group.rank])
         if resume:
@@ -120,6 +120,9 @@ class Trainer:
         settings, progress = self.settings, self.step / self.settings.steps
         annealed = progress / settings.anneal
         epsilon = Epsilon(settings.epsilon_branch.at(annealed), settings.epsilon_leaf.at(annealed))
+        if settings.cuda_graphs:
+            # What the last update's passes gave may be written over from here on.
+            torch.compiler.cudagraph_mark_step_begin()  # type: ignore[no-untyped-call]
         with torch.autocast(self._device.type, torch.bfloat16, enabled=settings.amp):
             rollout = self.actors.collect(epsilon)
             if rollout.output is None:

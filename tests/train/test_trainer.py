@@ -31,7 +31,13 @@ from tests.graphs import ring_graph
 
 
 def trainer(
-    run: Run, memory: str = "pool", *, resume: bool = False, seed: int = 5, **changed: Any
+    run: Run,
+    memory: str = "pool",
+    *,
+    resume: bool = False,
+    seed: int = 5,
+    device: str = "cpu",
+    **changed: Any,
 ) -> Trainer:
     settings = {"steps": 960, "envs": 8, "length": 4, "log_every": 64, "checkpoint_every": 480, "loggers": []}
     graph, frames = ring_graph(), 2 if memory == "stack" else 1
@@ -41,8 +47,9 @@ def trainer(
         tree_of(graph),
         NetworkShape(memory=memory, size=graph.size, features=32, frames=frames),
         chosen,
-        on_recordings([Recording("rings", graph, PRESETS["V4"])], chosen, frames=frames),
+        on_recordings([Recording("rings", graph, PRESETS["V4"])], chosen, frames=frames, device=device),
         seed=seed,
+        device=device,
         resume=resume,
     )
 
@@ -105,27 +112,32 @@ import sys
 from pathlib import Path
 from activelsd.train.run import Run
 from tests.train.test_trainer import _Forgets, trainer
-whole, halved = (Run(Path(folder)) for folder in sys.argv[1:])
-trainer(whole, steps=320, compile=True).train()
-first = trainer(halved, steps=320, compile=True)
+device, (whole, halved) = sys.argv[1], (Run(Path(folder)) for folder in sys.argv[2:])
+trainer(whole, steps=320, device=device, compile=True).train()
+graphs = {"steps": 320, "device": device, "cuda_graphs": True}  # which a CPU has none of
+first = trainer(halved, **graphs)
 assert first.network._compiled_call_impl is not None
 while first.step < 160:
     first._update(_Forgets())
 first.save()
-trainer(halved, steps=320, compile=True, resume=True).train()
+trainer(halved, resume=True, **graphs).train()
 """
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("c++") is None, reason="torch.compile needs a C++ compiler")
-def test_a_compiled_network_trains_as_it_is_and_resumes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+def test_a_compiled_network_trains_as_it_is_and_resumes(tmp_path: Path, device: str) -> None:
     plain, whole, halved = (new_run(tmp_path, name) for name in ("plain", "whole", "halved"))
-    trainer(plain, steps=320).train()
+    trainer(plain, steps=320, device=device).train()
     # In a process of its own: the compiler fails where a test has imported Python's old distutils.
-    subprocess.run([sys.executable, "-c", COMPILED, str(whole.folder), str(halved.folder)], check=True)
-    assert_same(weights(whole), weights(halved))
-    for name, weight in weights(plain).items():
-        torch.testing.assert_close(weights(whole)[name], weight, rtol=1e-2, atol=1e-3)
+    folders = str(whole.folder), str(halved.folder)
+    subprocess.run([sys.executable, "-c", COMPILED, device, *folders], check=True)
+    if device == "cpu":
+        assert_same(weights(whole), weights(halved))
+    for compiled in (whole, halved):
+        for name, weight in weights(plain).items():
+            torch.testing.assert_close(weights(compiled)[name], weight, rtol=1e-2, atol=1e-3)
 
 
 class _Forgets:

@@ -80,7 +80,8 @@ class ResidentActors:
             step = env.advance(vary.actions(action, self._ways))
             steps.append(step)
             memory, self._first = output.state, step.terminated | step.truncated
-        self._memory, before = memory.detach(), self._memory
+        # A copy: a CUDA graph's outputs last no longer than an update.
+        self._memory, before = memory.detach().clone(), self._memory
         with torch.no_grad():
             bootstrap = self.network(_one(self._look()), self._memory, self._first[None]).value[0]
         return Rollout(
