@@ -95,7 +95,7 @@ class TrainSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    steps: int = Field(2_000_000, ge=1, description="environment steps in all")
+    steps: int = Field(1_000_000, ge=1, description="environment steps in all")
     actors: Literal["resident", "ga3c", "ray"] = Field(
         "resident",
         description="who plays: views on the learner's device, agents with batched prediction, or a cluster",
@@ -104,7 +104,7 @@ class TrainSettings(BaseModel):
     ga3c: GA3CSettings = Field(GA3CSettings(), description="agents with batched prediction")
     ray: RaySettings = Field(RaySettings(), description="agents in a Ray cluster; recorded views only")
     vary_crops: bool = Field(True, description="crops of targets are cut and lit otherwise in every episode")
-    mirror: bool = Field(True, description="every other episode is seen in a mirror, if moves have opposites")
+    mirror: bool = Field(False, description="every other episode is mirrored, if moves have opposites")
     dropout: float = Field(
         0.0, ge=0, lt=1, description="share of the memory's features left out at every look"
     )
