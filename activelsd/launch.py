@@ -98,7 +98,7 @@ def _device(config: RunConfig) -> str:
     device = build_device(config.device, build_threads(config))
     if config.train.cuda_graphs and device == "cpu":
         raise ConfigError(
-            "train.cuda_graphs=true is for a GPU, and this run would be on a CPU; leave it out."
+            "train.cuda_graphs=true is for a GPU, and this run would be on a CPU; leave it out, or use a GPU."
         )
     return device
 

@@ -65,6 +65,8 @@ VARIANTS = {
     "train.ga3c.envs_per_agent=16",
     "ga3c-processes": "train.actors=ga3c train.ga3c.agents=4 train.ga3c.envs_per_agent=16 train.vtrace=true",
     "epsilon-0.1": "train.epsilon_branch.start=0.1 train.epsilon_leaf.start=0.1",
+    "entropy-branch-0": "train.entropy_branch.start=0 train.entropy_branch.end=0",
+    "entropy-leaf-0": "train.entropy_leaf.start=0 train.entropy_leaf.end=0",
     "gamma-0.5": "train.gamma=0.5",
     "gamma-0.9": "train.gamma=0.9",
     "gamma-0.98": "train.gamma=0.98",

@@ -8,7 +8,8 @@ the one here with all that makes it fast.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import gymnasium
@@ -62,12 +63,13 @@ class Fast(BaseFeaturesExtractor):
         return torch.cat([self.trunk(frames), observation["target"].flatten(1)], 1)
 
 
+@contextmanager
 def a2c(
     make: Callable[[], ViewGraphEnv],
     shape: NetworkShape,
     settings: TrainSettings,
     features: type[Plain] | type[Fast],
-) -> Step:
+) -> Iterator[Step]:
     """An update of A2C; environments stand in a `DummyVecEnv`, as its manual advises for light ones."""
     policy: dict[str, Any] = {
         "features_extractor_class": features,
@@ -83,4 +85,4 @@ def a2c(
         model.learn(steps, reset_num_timesteps=False)
         return steps
 
-    return step
+    yield step

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import logging
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
@@ -54,7 +55,8 @@ def _env(
     return make()
 
 
-def appo(make: Callable[[], ViewGraphEnv], shape: NetworkShape, settings: TrainSettings) -> Step:
+@contextmanager
+def appo(make: Callable[[], ViewGraphEnv], shape: NetworkShape, settings: TrainSettings) -> Iterator[Step]:
     """An update of APPO; `make` is also sent to another process, which looks at an environment."""
     log.setLevel(logging.ERROR)
     register_env("world", partial(_env, make))
@@ -92,4 +94,6 @@ def appo(make: Callable[[], ViewGraphEnv], shape: NetworkShape, settings: TrainS
             runner.event_loop.process_events()
         return int(sum(runner.env_steps.values()) - before)
 
-    return step
+    yield step
+    for writer in runner.writers.values():
+        writer.close()

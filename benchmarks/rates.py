@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from multiprocessing.connection import Connection
 from typing import NamedTuple, TypeVar
+
+import torch
 
 Step = Callable[[], int]
 """Does a piece of work; gives how much that was."""
+
+MakeStep = Callable[[], AbstractContextManager[Step]]
+"""Makes a step, and clears up after it; what a process can be sent."""
 
 Name = TypeVar("Name")
 
@@ -32,8 +40,57 @@ def rate(step: Step, seconds: float) -> Rate:
 
 def in_turns(contestants: Mapping[Name, Step], seconds: float, rounds: int) -> dict[Name, Rate]:
     """The median rate of each over rounds in which all have their turn."""
-    rates: dict[Name, list[Rate]] = {name: [] for name in contestants}
-    for _ in range(rounds):
-        for name, step in contestants.items():
-            rates[name].append(rate(step, seconds))
-    return {name: Rate(*map(statistics.median, zip(*found, strict=True))) for name, found in rates.items()}
+    return _medians({name: rate(step, seconds) for name, step in contestants.items()} for _ in range(rounds))
+
+
+def in_processes(
+    contestants: Mapping[Name, MakeStep], threads: int, seconds: float, rounds: int
+) -> dict[Name, Rate]:
+    """As `in_turns`, each made in a process of its own with so many torch threads.
+
+    They share neither heap nor interpreter: what one leaves behind, or its threads do out of turn, slows no
+    other.
+    """
+    with ExitStack() as stack:
+        pipes = {name: stack.enter_context(_contestant(make, threads)) for name, make in contestants.items()}
+
+        def turn(pipe: Connection) -> Rate:
+            pipe.send(seconds)
+            found: Rate = pipe.recv()
+            return found
+
+        return _medians({name: turn(pipe) for name, pipe in pipes.items()} for _ in range(rounds))
+
+
+@contextmanager
+def _contestant(make: MakeStep, threads: int) -> Iterator[Connection]:
+    """A process that measures a step for as long as it is told to, until it is told no more."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=_measure, args=(make, threads, there))
+    process.start()
+    there.close()
+    with here:
+        here.recv()  # it is ready
+        yield here
+    process.join()
+
+
+def _measure(make: MakeStep, threads: int, pipe: Connection) -> None:
+    """Make a step and measure it, for as many seconds as each word on the pipe says."""
+    torch.set_num_threads(threads)
+    with make() as step:
+        pipe.send(None)
+        try:
+            while True:
+                pipe.send(rate(step, pipe.recv()))
+        except EOFError:
+            return
+
+
+def _medians(rounds: Iterator[dict[Name, Rate]]) -> dict[Name, Rate]:
+    every = list(rounds)
+    return {
+        name: Rate(*map(statistics.median, zip(*(one[name] for one in every), strict=True)))
+        for name in every[0]
+    }

@@ -8,8 +8,9 @@ Sample Factory's APPO with the same observations, network size, number of enviro
 the trunk of this project with its layout, which compares trainers; the first gets one besides that computes
 the same as a user would write it, which compares what users have.
 
-All take turns (GA3C's agents stand still at a full training queue meanwhile), so a machine that slows down
-slows all. CPU time is that of this process: what GA3C's processes spend on their environments is not in it.
+All take turns, each in a process of its own (GA3C's agents stand still at a full training queue meanwhile),
+so a machine that slows down slows all. CPU time is that of a contestant's process: what GA3C's processes
+spend on their environments is not in it.
 
     python benchmarks/throughput.py --seconds 3 --rounds 3
 """
@@ -18,14 +19,15 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import torch
-from rates import Rate, Step, in_turns
+from rates import MakeStep, Rate, Step, in_processes, in_turns
 
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
@@ -45,7 +47,10 @@ from activelsd.train.trainer import Trainer, new_network
 BATCHES = (64, 128, 192, 320)
 LAYOUTS = {"channels last": torch.channels_last, "channels first": torch.contiguous_format}
 WORLD: dict[str, Any] = {"train_per_class": 20, "test_per_class": 2}
+PARTS = ("acting", "learning")
+Actors = Literal["resident", "threads", "processes"]
 RESIDENT, THREADS, PROCESSES = "resident", "ga3c, threads", "ga3c, processes"
+CREWS: dict[str, Actors] = {RESIDENT: "resident", THREADS: "threads", PROCESSES: "processes"}
 BFLOAT16 = "resident, bfloat16"
 A2C, APPO = "Stable-Baselines3 A2C", "Sample Factory APPO, this trunk"
 A2C_FAST = f"{A2C}, this trunk"
@@ -88,26 +93,39 @@ def bare(shape: NetworkShape, batch: int, layout: str) -> tuple[Step, Step]:
     return act, learn
 
 
-def best_bare(shape: NetworkShape, seconds: float, rounds: int) -> dict[str, Step]:
-    """Acting and learning, each at the batch and layout that were fastest in a trial of all."""
-    tried = {(batch, layout): bare(shape, batch, layout) for batch in BATCHES for layout in LAYOUTS}
-    best = {}
-    for i, part in enumerate(("acting", "learning")):
-        rates = in_turns({which: steps[i] for which, steps in tried.items()}, seconds, rounds)
-        batch, layout = max(rates, key=lambda which: rates[which].cpu)
-        best[f"{part} alone, batch {batch}, {layout}"] = tried[batch, layout][i]
-    return best
+@contextmanager
+def best_bare(part: str, shape: NetworkShape, seconds: float, rounds: int) -> Iterator[Step]:
+    """Acting or learning at the batch and layout that were fastest in a trial of all."""
+    tried = {
+        (batch, layout): bare(shape, batch, layout)[PARTS.index(part)]
+        for batch in BATCHES
+        for layout in LAYOUTS
+    }
+    rates = in_turns(tried, seconds, rounds)
+    best = max(rates, key=lambda which: rates[which].cpu)
+    print(f"{part} alone is fastest at a batch of {best[0]}, {best[1]}", flush=True)
+    yield tried[best]
 
 
-def trainer_step(trainer: Trainer, sums: Statistics) -> Step:
-    """One update of the trainer."""
+@contextmanager
+def trainer(shape: NetworkShape, settings: TrainSettings, actors: Actors, agents: int) -> Iterator[Step]:
+    """An update of the trainer."""
+    if actors == "resident":
+        world = Recording("modelnet", graph(), PRESETS["V4"])
+        crew = on_recordings([world], settings, frames=shape.frames)
+    else:
+        crew = ga3c(shape, settings, actors, agents)
+    with tempfile.TemporaryDirectory() as folder:
+        run, sums = Run.create(Path(folder), "throughput", ""), Statistics()
+        made = Trainer(run, tree_of(graph()), shape, settings, crew, seed=0)
 
-    def step() -> int:
-        before = trainer.step
-        trainer._update(sums)
-        return trainer.step - before
+        def step() -> int:
+            before = made.step
+            made._update(sums)
+            return made.step - before
 
-    return step
+        yield step
+        made.actors.close()
 
 
 def ga3c(
@@ -122,20 +140,21 @@ def ga3c(
     return lambda network, seed: GA3CActors(world, network, chosen, settings.length, seed)
 
 
-def others(shape: NetworkShape, settings: TrainSettings) -> dict[str, Step]:
+def others(shape: NetworkShape, settings: TrainSettings) -> dict[str, MakeStep]:
     """The frameworks that are installed, and a line on how to get those that are not."""
-    found, make = {}, partial(one_env, shape.frames)
+    found: dict[str, MakeStep] = {}
+    make = partial(one_env, shape.frames)
     try:
         from outside_a2c import Fast, Plain, a2c
 
-        found[A2C] = a2c(make, shape, settings, Plain)
-        found[A2C_FAST] = a2c(make, shape, settings, Fast)
+        found[A2C] = partial(a2c, make, shape, settings, Plain)
+        found[A2C_FAST] = partial(a2c, make, shape, settings, Fast)
     except ModuleNotFoundError as error:
         print(f"without {A2C} ({error}): pip install -c constraints.txt -e '.[test]'")
     try:
         from outside_appo import appo
 
-        found[APPO] = appo(make, shape, settings)
+        found[APPO] = partial(appo, make, shape, settings)
     except ModuleNotFoundError as error:
         # It asks for Gymnasium before 1.0 and NumPy before 2, but runs with the first as it is here, and with
         # the second while an array of one element may stand for a number.
@@ -149,7 +168,7 @@ def others(shape: NetworkShape, settings: TrainSettings) -> dict[str, Step]:
 
 def report(rates: Mapping[str, Rate]) -> None:
     """Print rates, and the ratios that matter."""
-    acting, learning = (rates[name] for name in rates if " alone" in name)
+    acting, learning = (rates[f"{part} alone"] for part in PARTS)
     both = Rate(*(1 / (1 / act + 1 / learn) for act, learn in zip(acting, learning, strict=True)))
     for name, own in ({**rates, "acting plus learning": both}).items():
         print(f"{name:42} {own.wall:7.0f} steps/s {1e6 / own.cpu:7.0f} us of CPU a step")
@@ -180,30 +199,21 @@ def main() -> None:
     )
     parser.add_argument("--agents", type=int, default=4, help="of ga3c; the episodes are dealt out to them")
     options = parser.parse_args()
-    torch.set_num_threads(options.threads)
 
     shape = NetworkShape(memory=options.memory, frames=3 if options.memory == "stack" else 1)
-    settings, world = TrainSettings(steps=10**9), Recording("modelnet", graph(), PRESETS["V4"])
-    resident = on_recordings([world], settings, frames=shape.frames)
-    crews = {
-        RESIDENT: (resident, settings),
-        THREADS: (ga3c(shape, settings, "threads", options.agents), settings),
-        PROCESSES: (ga3c(shape, settings, "processes", options.agents), settings),
+    settings, trial = TrainSettings(steps=10**9), options.seconds / 5
+    contestants: dict[str, MakeStep] = {
+        f"{part} alone": partial(best_bare, part, shape, trial, options.rounds) for part in PARTS
+    }
+    contestants |= {
+        name: partial(trainer, shape, settings, actors, options.agents) for name, actors in CREWS.items()
     }
     if options.amp:
-        crews[BFLOAT16] = (resident, settings.model_copy(update={"amp": True}))
-    contestants = best_bare(shape, options.seconds / 5, options.rounds)
-    with tempfile.TemporaryDirectory() as folder:
-        run = Run.create(Path(folder), "throughput", "")
-        trainers = {
-            name: Trainer(run, tree_of(graph()), shape, own, crew, seed=0)
-            for name, (crew, own) in crews.items()
-        }
-        contestants |= {name: trainer_step(trainer, Statistics()) for name, trainer in trainers.items()}
-        contestants |= others(shape, settings)
-        rates = in_turns(contestants, options.seconds, options.rounds)
-        for trainer in trainers.values():
-            trainer.actors.close()
+        contestants[BFLOAT16] = partial(
+            trainer, shape, settings.model_copy(update={"amp": True}), "resident", options.agents
+        )
+    contestants |= others(shape, settings)
+    rates = in_processes(contestants, options.threads, options.seconds, options.rounds)
     print(f"{options.memory} memory, {options.threads} torch thread(s)")
     report(rates)
 
