@@ -74,6 +74,7 @@ VARIANTS = {
     "gamma-1": "train.gamma=1",
     "length-20": "train.length=20",
     "rmsprop": "train.optimiser=rmsprop",
+    "rmsprop-7e-4": "train.optimiser=rmsprop train.learning_rate=7e-4",
     "V1": "env.rules.preset=V1",
     "V2": "env.rules.preset=V2",
     "V3": "env.rules.preset=V3",
