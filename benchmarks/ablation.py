@@ -34,6 +34,7 @@ DEFAULT = "default"
 VARIANTS = {
     # What all worlds had before each was found its own.
     "alike": "train.learning_rate=7e-4 train.gamma=0.98 train.mirror=false train.dropout=0 train.guided=0",
+    "paper": "train=paper env.rules.preset=V0 policy.memory=stack policy.frames=3",
     "tree": "policy.head=tree",
     "flat": "policy.head=flat",
     # One softmax knows only the schedules of leaves; here they are those of the tree's branch.
