@@ -19,6 +19,7 @@ from activelsd.policy.heads import Epsilon
 from activelsd.train.actors.ga3c.actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
 from activelsd.train.actors.ga3c.queues import ClosedError
+from activelsd.train.actors.ga3c.trainer import TrainerThread
 from tests.train.actors.mischief import ID
 from tests.train.actors.worlds import actors, spec
 
@@ -161,6 +162,27 @@ def test_closing_while_agents_start_does_not_wait_for_them() -> None:
     runner.join(20)
     assert not runner.is_alive()
     assert time.monotonic() - began < 20
+
+
+def test_closing_in_the_midst_of_starting_ends_what_has_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, made, crew = TrainerThread.start, threading.Event(), actors("threads", agents=2)
+
+    def slowly(thread: TrainerThread) -> None:
+        made.set()
+        time.sleep(0.2)
+        start(thread)
+
+    def run() -> None:
+        with pytest.raises(ClosedError):
+            crew.collect(EPSILON)
+
+    monkeypatch.setattr(TrainerThread, "start", slowly)
+    runner = threading.Thread(target=run)
+    runner.start()
+    assert made.wait(20)
+    crew.close()
+    runner.join(20)
+    assert not any(thread.is_alive() for thread in (runner, *crew._trainers, *crew._predictors))
 
 
 def alive(pid: int) -> bool:

@@ -102,7 +102,7 @@ class GA3CActors:
         self._lifeline = Lifeline.open()
         self._lock, self._begun = threading.Lock(), 0  # players so far: each has episodes of its own
         self._drawing = count()  # predictors so far: each draws actions of its own
-        self._steps, self._closed = 0, False
+        self._steps, self._closed, self._starting = 0, False, threading.Lock()
         self._failure: Exception | None = None
 
     # What the trainer asks for.
@@ -118,7 +118,9 @@ class GA3CActors:
         if self._predictors:
             self._desk.version += 1
         else:
-            self._start()
+            with self._starting:
+                if not self._closed:
+                    self._start()
         self._gauges.mean("training_queue", len(self._full) * self._layout.envs)
         began = time.monotonic()
         try:
@@ -160,7 +162,8 @@ class GA3CActors:
         self._closed = True
         for queue in (self._asks, self._full, self._orders, self._ready):
             queue.close()
-        self._release()
+        with self._starting:  # another thread may be at it; after this it finds that all is closed
+            self._release()
         if self._adjuster is not None:
             self._adjuster.stop()
             self._adjuster.join()
