@@ -69,6 +69,7 @@ def a2c(
     shape: NetworkShape,
     settings: TrainSettings,
     features: type[Plain] | type[Fast],
+    device: str = "cpu",
 ) -> Iterator[Step]:
     """An update of A2C; environments stand in a `DummyVecEnv`, as its manual advises for light ones."""
     policy: dict[str, Any] = {
@@ -79,7 +80,9 @@ def a2c(
     }
     envs = DummyVecEnv([make] * settings.envs)
     steps = settings.envs * settings.length
-    model = A2C("MultiInputPolicy", envs, n_steps=settings.length, policy_kwargs=policy, device="cpu", seed=0)
+    model = A2C(
+        "MultiInputPolicy", envs, n_steps=settings.length, policy_kwargs=policy, device=device, seed=0
+    )
 
     def step() -> int:
         model.learn(steps, reset_num_timesteps=False)

@@ -56,7 +56,9 @@ def _env(
 
 
 @contextmanager
-def appo(make: Callable[[], ViewGraphEnv], shape: NetworkShape, settings: TrainSettings) -> Iterator[Step]:
+def appo(
+    make: Callable[[], ViewGraphEnv], shape: NetworkShape, settings: TrainSettings, device: str = "cpu"
+) -> Iterator[Step]:
     """An update of APPO; `make` is also sent to another process, which looks at an environment."""
     log.setLevel(logging.ERROR)
     register_env("world", partial(_env, make))
@@ -65,7 +67,7 @@ def appo(make: Callable[[], ViewGraphEnv], shape: NetworkShape, settings: TrainS
         "env": "world",
         "experiment": "throughput",
         "train_dir": tempfile.mkdtemp(),
-        "device": "cpu",
+        "device": "gpu" if device == "cuda" else device,
         "serial_mode": True,
         "async_rl": False,
         "num_workers": 1,

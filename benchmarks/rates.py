@@ -32,10 +32,18 @@ def rate(step: Step, seconds: float) -> Rate:
     """The rate of a step repeated for some seconds, after a few that do not count."""
     for _ in range(3):
         step()
+    _finish()
     wall, cpu, done = time.perf_counter(), time.process_time(), 0
     while time.perf_counter() - wall < seconds:
         done += step()
+    _finish()
     return Rate(done / (time.perf_counter() - wall), done / (time.process_time() - cpu))
+
+
+def _finish() -> None:
+    """Wait for what a GPU was told to do."""
+    if torch.cuda.is_initialized():  # type: ignore[no-untyped-call]
+        torch.cuda.synchronize()
 
 
 def in_turns(contestants: Mapping[Name, Step], seconds: float, rounds: int) -> dict[Name, Rate]:

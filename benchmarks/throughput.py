@@ -44,14 +44,18 @@ from activelsd.train.settings import GA3CSettings, TrainSettings
 from activelsd.train.statistics import Statistics
 from activelsd.train.trainer import Trainer, new_network
 
-BATCHES = (64, 128, 192, 320)
+ROLLOUT = TrainSettings().length
+BATCHES = (1, 2, 3, ROLLOUT)
+"""That the network alone is tried with, times the number of episodes."""
+
 LAYOUTS = {"channels last": torch.channels_last, "channels first": torch.contiguous_format}
 WORLD: dict[str, Any] = {"train_per_class": 20, "test_per_class": 2}
 PARTS = ("acting", "learning")
 Actors = Literal["resident", "threads", "processes"]
 RESIDENT, THREADS, PROCESSES = "resident", "ga3c, threads", "ga3c, processes"
 CREWS: dict[str, Actors] = {RESIDENT: "resident", THREADS: "threads", PROCESSES: "processes"}
-BFLOAT16 = "resident, bfloat16"
+ON_GPU = {"kernel by kernel": {"cuda_graphs": False}, "compiled": {"compile": True}}
+BFLOAT16 = {"bfloat16": {"amp": True}}
 A2C, APPO = "Stable-Baselines3 A2C", "Sample Factory APPO, this trunk"
 A2C_FAST = f"{A2C}, this trunk"
 
@@ -67,57 +71,86 @@ def one_env(frames: int) -> ViewGraphEnv:
     return ViewGraphEnv(graph(), PRESETS["V4"], frames=frames)
 
 
-def bare(shape: NetworkShape, batch: int, layout: str) -> tuple[Step, Step]:
-    """An acting forward, and a learning step, over a batch."""
-    network = new_network(tree_of(graph()), shape, 0)
+def bare(shape: NetworkShape, batch: int, layout: str, device: str) -> tuple[Step, Step]:
+    """An acting forward, and a learning step, over a batch; on a GPU each is a CUDA graph."""
+    network = new_network(tree_of(graph()), shape, 0).to(device)
     network.to(memory_format=LAYOUTS[layout])  # type: ignore[call-overload]
     rng = np.random.default_rng(0)
     frames = rng.integers(0, 256, (1, batch, shape.frames, shape.size, shape.size), dtype=np.uint8)
-    observation = {"frames": torch.from_numpy(frames), "target": torch.ones(1, batch, shape.frames, 5)}
-    state, first = network.initial_state(batch), torch.ones(1, batch, dtype=torch.bool)
-    optimiser = torch.optim.Adam(network.parameters(), lr=1e-6)
+    boxes = torch.ones(1, batch, shape.frames, 5, device=device)
+    observation = {"frames": torch.from_numpy(frames).to(device), "target": boxes}
+    state, first = network.initial_state(batch), torch.ones(1, batch, dtype=torch.bool, device=device)
+    optimiser = torch.optim.Adam(network.parameters(), lr=1e-6, capturable=device == "cuda")
 
     @torch.no_grad()
-    def act() -> int:
+    def act() -> None:
         network(observation, state, first)
-        return batch
 
-    def learn() -> int:
+    def learn() -> None:
         output = network(observation, state, first)
         loss = output.logits.square().mean() + output.value.square().mean()
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()
-        return batch
 
-    return act, learn
+    def step(part: Callable[[], None]) -> Step:
+        def one() -> int:
+            run()
+            return batch
+
+        run = replayed(part) if device == "cuda" else part
+        return one
+
+    return step(act), step(learn)
+
+
+def replayed(part: Callable[[], None]) -> Callable[[], None]:
+    """As a CUDA graph."""
+    stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+    stream.wait_stream(torch.cuda.current_stream())
+    with torch.cuda.stream(stream):
+        for _ in range(3):
+            part()
+    torch.cuda.current_stream().wait_stream(stream)
+    captured = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(captured):
+        part()
+
+    def replay(_holds: object = part) -> None:  # what the graph reads and writes
+        captured.replay()
+
+    return replay
 
 
 @contextmanager
-def best_bare(part: str, shape: NetworkShape, seconds: float, rounds: int) -> Iterator[Step]:
+def best_bare(
+    part: str, shape: NetworkShape, envs: int, device: str, seconds: float, rounds: int
+) -> Iterator[Step]:
     """Acting or learning at the batch and layout that were fastest in a trial of all."""
     tried = {
-        (batch, layout): bare(shape, batch, layout)[PARTS.index(part)]
-        for batch in BATCHES
+        (times * envs, layout): bare(shape, times * envs, layout, device)[PARTS.index(part)]
+        for times in BATCHES
         for layout in LAYOUTS
     }
     rates = in_turns(tried, seconds, rounds)
-    best = max(rates, key=lambda which: rates[which].cpu)
+    best = max(rates, key=lambda which: rates[which].cpu if device == "cpu" else rates[which].wall)
     print(f"{part} alone is fastest at a batch of {best[0]}, {best[1]}", flush=True)
     yield tried[best]
 
 
 @contextmanager
-def trainer(shape: NetworkShape, settings: TrainSettings, actors: Actors, agents: int) -> Iterator[Step]:
+def trainer(
+    shape: NetworkShape, settings: TrainSettings, actors: Actors, agents: int, device: str
+) -> Iterator[Step]:
     """An update of the trainer."""
     if actors == "resident":
         world = Recording("modelnet", graph(), PRESETS["V4"])
-        crew = on_recordings([world], settings, frames=shape.frames)
+        crew = on_recordings([world], settings, frames=shape.frames, device=device)
     else:
         crew = ga3c(shape, settings, actors, agents)
     with tempfile.TemporaryDirectory() as folder:
         run, sums = Run.create(Path(folder), "throughput", ""), Statistics()
-        made = Trainer(run, tree_of(graph()), shape, settings, crew, seed=0)
+        made = Trainer(run, tree_of(graph()), shape, settings, crew, seed=0, device=device)
 
         def step() -> int:
             before = made.step
@@ -140,21 +173,21 @@ def ga3c(
     return lambda network, seed: GA3CActors(world, network, chosen, settings.length, seed)
 
 
-def others(shape: NetworkShape, settings: TrainSettings) -> dict[str, MakeStep]:
+def others(shape: NetworkShape, settings: TrainSettings, device: str) -> dict[str, MakeStep]:
     """The frameworks that are installed, and a line on how to get those that are not."""
     found: dict[str, MakeStep] = {}
     make = partial(one_env, shape.frames)
     try:
         from outside_a2c import Fast, Plain, a2c
 
-        found[A2C] = partial(a2c, make, shape, settings, Plain)
-        found[A2C_FAST] = partial(a2c, make, shape, settings, Fast)
+        found[A2C] = partial(a2c, make, shape, settings, Plain, device)
+        found[A2C_FAST] = partial(a2c, make, shape, settings, Fast, device)
     except ModuleNotFoundError as error:
         print(f"without {A2C} ({error}): pip install -c constraints.txt -e '.[test]'")
     try:
         from outside_appo import appo
 
-        found[APPO] = partial(appo, make, shape, settings)
+        found[APPO] = partial(appo, make, shape, settings, device)
     except ModuleNotFoundError as error:
         # It asks for Gymnasium before 1.0 and NumPy before 2, but runs with the first as it is here, and with
         # the second while an array of one element may stand for a number.
@@ -172,10 +205,10 @@ def report(rates: Mapping[str, Rate]) -> None:
     both = Rate(*(1 / (1 / act + 1 / learn) for act, learn in zip(acting, learning, strict=True)))
     for name, own in ({**rates, "acting plus learning": both}).items():
         print(f"{name:42} {own.wall:7.0f} steps/s {1e6 / own.cpu:7.0f} us of CPU a step")
-    residents = [name for name in (RESIDENT, BFLOAT16) if name in rates]
+    residents = [name for name in rates if name.startswith(RESIDENT)]
     ratios = [
         *((name, "learning alone", learning) for name in residents),
-        *((name, "acting plus learning", both) for name in (RESIDENT, THREADS, PROCESSES)),
+        *((name, "acting plus learning", both) for name in (*residents, THREADS, PROCESSES)),
         *((own, name, rates[name]) for own in residents for name in (A2C, A2C_FAST, APPO) if name in rates),
     ]
     for name, reference, than in ratios:
@@ -198,23 +231,32 @@ def main() -> None:
         help="resident once more, its passes in bfloat16: for processors made for it",
     )
     parser.add_argument("--agents", type=int, default=4, help="of ga3c; the episodes are dealt out to them")
+    parser.add_argument("--envs", type=int, default=TrainSettings().envs, help="episodes side by side")
+    parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"))
     options = parser.parse_args()
 
     shape = NetworkShape(memory=options.memory, frames=3 if options.memory == "stack" else 1)
-    settings, trial = TrainSettings(steps=10**9), options.seconds / 5
+    envs, device, trial = options.envs, options.device, options.seconds / 5
+    settings = TrainSettings(steps=10**9, envs=envs)
     contestants: dict[str, MakeStep] = {
-        f"{part} alone": partial(best_bare, part, shape, trial, options.rounds) for part in PARTS
+        f"{part} alone": partial(best_bare, part, shape, envs, device, trial, options.rounds)
+        for part in PARTS
     }
     contestants |= {
-        name: partial(trainer, shape, settings, actors, options.agents) for name, actors in CREWS.items()
+        name: partial(trainer, shape, settings, actors, options.agents, device)
+        for name, actors in CREWS.items()
     }
-    if options.amp:
-        contestants[BFLOAT16] = partial(
-            trainer, shape, settings.model_copy(update={"amp": True}), "resident", options.agents
+    switches = (ON_GPU if device == "cuda" else {}) | (BFLOAT16 if options.amp else {})
+    contestants |= {
+        f"{RESIDENT}, {name}": partial(
+            trainer, shape, settings.model_copy(update=chosen), "resident", options.agents, device
         )
-    contestants |= others(shape, settings)
+        for name, chosen in switches.items()
+    }
+    contestants |= others(shape, settings, device)
     rates = in_processes(contestants, options.threads, options.seconds, options.rounds)
-    print(f"{options.memory} memory, {options.threads} torch thread(s)")
+    where = torch.cuda.get_device_name() if device == "cuda" else "CPU"
+    print(f"{where}, {options.memory} memory, {envs} episodes, {options.threads} torch thread(s)")
     report(rates)
 
 

@@ -12,10 +12,10 @@ from activelsd.envs.actions import CLASSIFY, NAVIGATE, ActionTree
 
 
 class Epsilon(NamedTuple):
-    """Probability of a uniformly random choice at each level of the tree."""
+    """Probability of a uniformly random choice at each level of the tree: numbers, or tensors () of them."""
 
-    branch: float = 0.0
-    leaf: float = 0.0
+    branch: float | Tensor = 0.0
+    leaf: float | Tensor = 0.0
 
 
 class Entropy(NamedTuple):
@@ -65,12 +65,14 @@ class ActionDistribution:
         """(..., n - m) log-probability of each move given that the agent moves, without epsilon."""
 
 
-def _mix(log_p: Tensor, legal: Tensor, epsilon: float) -> Tensor:
+def _mix(log_p: Tensor, legal: Tensor, epsilon: float | Tensor) -> Tensor:
     """log of (1 - epsilon) p + epsilon u, with u uniform over what is legal; -inf elsewhere."""
-    if epsilon == 0.0:
+    if not isinstance(epsilon, Tensor) and epsilon == 0.0:
         return log_p
     uniform = legal / legal.sum(-1, keepdim=True).clamp(min=1)
     mixed = (1.0 - epsilon) * log_p.exp() + epsilon * uniform
+    if isinstance(epsilon, Tensor):  # which may be 0, and then p may be too
+        mixed = mixed.clamp(min=torch.finfo(mixed.dtype).tiny)
     # The inner fill keeps log away from zero: its gradient there would be NaN even though it is not used.
     return mixed.masked_fill(~legal, 1.0).log().masked_fill(~legal, -torch.inf)
 

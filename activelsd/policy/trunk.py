@@ -68,8 +68,8 @@ class Blocks(nn.Module):
         n, channels, height, width = frames.shape
         rows, columns = height // self.SIDE, width // self.SIDE
         pixels = frames.dtype
-        if pixels == torch.uint8:
-            # The four bytes of a block's row move as one word.
+        if pixels == torch.uint8 and not torch.compiler.is_compiling():
+            # The four bytes of a block's row move as one word; a compiler needs no such help, nor takes it.
             frames = frames.contiguous().view(torch.int32)
         squares = frames.reshape(n, channels, rows, self.SIDE, columns, -1).permute(0, 2, 4, 1, 3, 5)
         blocks = squares.contiguous().view(pixels).reshape(n, rows, columns, -1).permute(0, 3, 1, 2)

@@ -10,7 +10,7 @@ from activelsd.policy.lsdnet import LSDNet, Output
 from activelsd.train.losses import Losses, Weights, a3c_losses, n_step_returns
 from activelsd.train.parallel import ALONE, Group
 from activelsd.train.rollout import Rollout
-from activelsd.train.settings import TrainSettings
+from activelsd.train.settings import Annealed, TrainSettings
 from activelsd.train.vtrace import vtrace
 
 CACHED = 96
@@ -24,32 +24,32 @@ class Learner:
         self.network, self.settings, self._group = network, settings, group
         parameters = list(network.parameters())
         rate, eps = settings.learning_rate, settings.optimiser_epsilon
+        graph = parameters[0].is_cuda  # steps are counted there too, and a CUDA graph may hold them
         self.optimiser: torch.optim.Optimizer
         if settings.optimiser == "adam":
-            self.optimiser = torch.optim.Adam(parameters, lr=rate, eps=eps)
+            self.optimiser = torch.optim.Adam(parameters, lr=rate, eps=eps, capturable=graph)
         else:
-            self.optimiser = torch.optim.RMSprop(parameters, lr=rate, alpha=0.99, eps=eps)
+            self.optimiser = torch.optim.RMSprop(parameters, lr=rate, alpha=0.99, eps=eps, capturable=graph)
 
-    def update(self, rollout: Rollout, progress: float) -> dict[str, Tensor]:
+    def update(self, rollout: Rollout, now: Annealed) -> dict[str, Tensor]:
         """One optimiser step.
 
         Args:
             rollout: what was played; its acting pass is used where it is still valid.
-            progress: share of the training done, 0..1, for everything that is annealed.
+            now: everything that is annealed.
 
         Returns:
             Scalars on the device: the losses and the gradient's norm before clipping.
         """
-        losses = self.losses(rollout, progress)
+        losses = self.losses(rollout, now)
         self.optimiser.zero_grad(set_to_none=True)
         losses.total.backward()  # type: ignore[no-untyped-call]
         self._group.average(self.network.parameters())
         norm = torch.nn.utils.clip_grad_norm_(
             self.network.parameters(), self.settings.clip_norm or torch.inf, foreach=True
         )
-        rate = self.settings.learning_rate * (1.0 - progress if self.settings.decay else 1.0)
         for group in self.optimiser.param_groups:
-            group["lr"] = rate
+            group["lr"] = now.learning_rate
         self.optimiser.step()
         return {f"loss/{name}": value.detach() for name, value in losses._asdict().items()} | {
             "gradient": norm
@@ -69,7 +69,7 @@ class Learner:
             state = passes[-1].state
         return Output(torch.cat([p.logits for p in passes]), torch.cat([p.value for p in passes]), state)
 
-    def losses(self, rollout: Rollout, progress: float) -> Losses:
+    def losses(self, rollout: Rollout, now: Annealed) -> Losses:
         """The loss of a rollout, with its graph."""
         settings = self.settings
         output = self.output(rollout)
@@ -90,11 +90,10 @@ class Learner:
             )
         else:
             returns = n_step_returns(rewards, ended, rollout.bootstrap, gamma)
-        annealed = progress / settings.anneal
         weights = Weights(
             settings.value_weight,
-            settings.entropy_branch.at(annealed),
-            settings.entropy_leaf.at(annealed),
+            now.entropy_branch,
+            now.entropy_leaf,
             settings.supervised,
             settings.guided,
         )

@@ -15,8 +15,8 @@ class Weights(NamedTuple):
     """What each term counts for."""
 
     value: float
-    entropy_branch: float
-    entropy_leaf: float
+    entropy_branch: float | Tensor
+    entropy_leaf: float | Tensor
     supervised: float
     guided: float = 0.0
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+if TYPE_CHECKING:  # settings are read, and complained of, before PyTorch is imported
+    from torch import Tensor
 
 
 class Anneal(BaseModel):
@@ -25,6 +28,16 @@ class EpsilonAnneal(Anneal):
 
     start: float = Field(ge=0, le=1, description="probability at the first step")
     end: float = Field(ge=0, le=1, description="probability from then on")
+
+
+class Annealed(NamedTuple):
+    """What changes as training goes on, as it is now: numbers, or tensors () of them."""
+
+    epsilon_branch: float | Tensor
+    epsilon_leaf: float | Tensor
+    entropy_branch: float | Tensor
+    entropy_leaf: float | Tensor
+    learning_rate: float | Tensor
 
 
 class GA3CSettings(BaseModel):
@@ -112,8 +125,10 @@ class TrainSettings(BaseModel):
         False, description="resident: the network's passes in bfloat16, for processors made for it"
     )
     compile: bool = Field(False, description="resident: the network goes through torch.compile first")
-    cuda_graphs: bool = Field(
-        False, description="resident, on a GPU: compiled, and its passes are replayed as CUDA graphs"
+    cuda_graphs: bool | None = Field(
+        None,
+        description="resident, on a GPU: an update, from playing to learning, is one CUDA graph; null: where"
+        " one process learns",
     )
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 
@@ -151,6 +166,17 @@ class TrainSettings(BaseModel):
     evaluate_every: int = Field(150_000, ge=1, description="steps between two looks at the validation split")
     checkpoint_every: int = Field(50_000, ge=1, description="steps between two checkpoints")
     loggers: list[str] = Field(["tensorboard"], description="where metrics go beside metrics.jsonl")
+
+    def at(self, progress: float) -> Annealed:
+        """What is annealed, when this share of the training is done, 0..1."""
+        annealed = progress / self.anneal
+        return Annealed(
+            self.epsilon_branch.at(annealed),
+            self.epsilon_leaf.at(annealed),
+            self.entropy_branch.at(annealed),
+            self.entropy_leaf.at(annealed),
+            self.learning_rate * (1.0 - progress if self.decay else 1.0),
+        )
 
     @property
     def corrects_lag(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,6 +13,50 @@ from activelsd.policy.lsdnet import LSDNet
 from activelsd.train.rollout import Rollout
 
 
+class Counts(NamedTuple):
+    """What an update adds to the sums."""
+
+    steps: int
+    names: tuple[str, ...]
+    values: Tensor  # (names,) float64
+
+
+@torch.no_grad()
+def counts(
+    rollout: Rollout, network: LSDNet, losses: Mapping[str, Tensor], places: Mapping[str, slice]
+) -> Counts:
+    """Of a rollout that was learned from; `places` are the columns that each of several worlds has."""
+    ended = rollout.terminated | rollout.truncated
+    # Each (L, B).
+    each = {
+        "steps": torch.ones_like(rollout.rewards),
+        "episodes": ended,
+        "right": ended & rollout.right,
+        "views": rollout.views * ended,
+        "reward": rollout.rewards,
+    }
+    if rollout.output is not None and NAVIGATE in network.tree.branches:
+        policy = network.distribution(rollout.output.logits, rollout.mask)
+        branch = policy.branch_probs()[..., network.tree.branches.index(NAVIGATE)]
+        free = rollout.mask[..., network.tree.span(NAVIGATE)].any(-1)
+        named_right = policy.class_log_probs().argmax(-1) == rollout.labels
+        # -log max pi, the paper's Figure 3, "policy entropy loss".
+        each |= {
+            "free": free,
+            "navigate": branch * free,
+            "first": rollout.first,
+            "right_at_first": named_right & rollout.first,
+            "surprise": -policy.log_probs.amax(-1),
+        }
+    sums = {
+        world + name: count[:, place].sum(dtype=torch.float64)
+        for world, place in _with_all(places).items()
+        for name, count in each.items()
+    }
+    sums |= {"updates": torch.ones_like(rollout.bootstrap[0]), **losses}
+    return Counts(ended.numel(), tuple(sums), torch.stack([value.double() for value in sums.values()]))
+
+
 class Statistics:
     """What the progress line and the logs show: rates per episode and per step over a window.
 
@@ -19,47 +64,20 @@ class Statistics:
     """
 
     def __init__(self, places: Mapping[str, slice] | None = None) -> None:
-        """Begin a window; `places` are the columns of a rollout that each of several worlds has."""
-        self._places = {"": slice(None)} | {f"{world}/": place for world, place in (places or {}).items()}
-        self._sums: dict[str, Tensor | float] = {}
+        """Begin a window; `places` as of `counts`."""
+        self._places = _with_all(places or {})
+        self._names: tuple[str, ...] = ()
+        self._sums: Tensor | float = 0.0
 
-    @torch.no_grad()
-    def add(self, rollout: Rollout, network: LSDNet, losses: dict[str, Tensor]) -> None:
-        """Count a rollout that was learned from."""
-        ended = rollout.terminated | rollout.truncated
-        # Each (L, B).
-        counts = {
-            "steps": torch.ones_like(rollout.rewards),
-            "episodes": ended,
-            "right": ended & rollout.right,
-            "views": rollout.views * ended,
-            "reward": rollout.rewards,
-        }
-        if rollout.output is not None and NAVIGATE in network.tree.branches:
-            policy = network.distribution(rollout.output.logits, rollout.mask)
-            branch = policy.branch_probs()[..., network.tree.branches.index(NAVIGATE)]
-            free = rollout.mask[..., network.tree.span(NAVIGATE)].any(-1)
-            named_right = policy.class_log_probs().argmax(-1) == rollout.labels
-            # -log max pi, the paper's Figure 3, "policy entropy loss".
-            counts |= {
-                "free": free,
-                "navigate": branch * free,
-                "first": rollout.first,
-                "right_at_first": named_right & rollout.first,
-                "surprise": -policy.log_probs.amax(-1),
-            }
-        sums = {
-            world + name: count[:, place].sum()
-            for world, place in self._places.items()
-            for name, count in counts.items()
-        }
-        for name, value in (sums | {"updates": torch.ones(())} | losses).items():
-            self._sums[name] = self._sums.get(name, 0.0) + value.double()
+    def add(self, update: Counts) -> None:
+        """Add an update's."""
+        self._names, self._sums = update.names, self._sums + update.values
 
     def read(self) -> dict[str, float]:
         """The window's metrics, and begin the next window."""
-        sums = {name: float(value) for name, value in self._sums.items()}
-        self._sums = {}
+        assert isinstance(self._sums, Tensor), "nothing was added"
+        sums = dict(zip(self._names, self._sums.tolist(), strict=True))
+        self._sums = 0.0
         updates = max(sums.pop("updates"), 1)
         metrics: dict[str, float] = {}
         for world in self._places:
@@ -74,3 +92,8 @@ class Statistics:
                 f"{world}policy_entropy_loss": sums.pop(f"{world}surprise", 0.0) / steps,
             }
         return metrics | {name: value / updates for name, value in sums.items()}
+
+
+def _with_all(places: Mapping[str, slice]) -> dict[str, slice]:
+    """Places by the prefix of their metrics' names, and before them that of all."""
+    return {"": slice(None)} | {f"{world}/": place for world, place in places.items()}

@@ -14,17 +14,19 @@ import numpy as np
 import torch
 
 from activelsd.envs.actions import ActionTree
-from activelsd.errors import RunError, TrainingError
+from activelsd.errors import ConfigError, RunError, TrainingError
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
 from activelsd.train.actors.protocol import MakeActors
+from activelsd.train.actors.resident import ResidentActors
+from activelsd.train.cudagraph import GraphedUpdate
 from activelsd.train.learner import Learner
 from activelsd.train.logging import Logger, open_loggers
 from activelsd.train.parallel import ALONE, Group
 from activelsd.train.run import Run
-from activelsd.train.settings import TrainSettings
-from activelsd.train.statistics import Statistics
+from activelsd.train.settings import Annealed, TrainSettings
+from activelsd.train.statistics import Counts, Statistics, counts
 
 Evaluate = Callable[[LSDNet], dict[str, float]]
 """Looks at the validation split; its figures are logged as `val/…`."""
@@ -58,7 +60,14 @@ class Trainer:
         resume: bool = False,
         group: Group = ALONE,
     ) -> None:
-        """Build everything, or, to resume, take it back from the run's newest checkpoint."""
+        """Build everything, or, to resume, take it back from the run's newest checkpoint.
+
+        Raises:
+            ConfigError: of several processes each is to be one CUDA graph.
+            RunError: the checkpoint is of another world or other settings.
+        """
+        if settings.cuda_graphs and group.size > 1:
+            raise ConfigError("train.cuda_graphs=true is for one process that learns; leave it out.")
         self.run, self.settings, self._evaluate = run, settings, evaluate
         self._group, self._device = group, torch.device(device)
         weights_seed, *play_seeds = np.random.SeedSequence(seed).generate_state(1 + group.size).tolist()
@@ -71,12 +80,16 @@ class Trainer:
                 )
         else:
             self.network = new_network(tree, shape, weights_seed).to(device)
-        if settings.compile or settings.cuda_graphs:
-            self.network.compile(mode="reduce-overhead" if settings.cuda_graphs else "default")
+        if settings.compile:
+            self.network.compile()
         self.learner = Learner(self.network, settings, group)
         self.actors = make_actors(self.network, play_seeds[group.rank])
         if resume:
             self._restore()
+        self._once: Callable[[Annealed], Counts] = self._play_and_learn
+        graph = self._device.type == "cuda" and group.size == 1 and settings.cuda_graphs is not False
+        if graph and isinstance(self.actors, ResidentActors):  # others wait for the device
+            self._once = GraphedUpdate(self._play_and_learn, self.actors, self._device)
 
     def train(self) -> None:
         """Run until the steps are done.
@@ -117,19 +130,17 @@ class Trainer:
                 logger.close()
 
     def _update(self, statistics: Statistics) -> None:
-        settings, progress = self.settings, self.step / self.settings.steps
-        annealed = progress / settings.anneal
-        epsilon = Epsilon(settings.epsilon_branch.at(annealed), settings.epsilon_leaf.at(annealed))
-        if settings.cuda_graphs:
-            # What the last update's passes gave may be written over from here on.
-            torch.compiler.cudagraph_mark_step_begin()  # type: ignore[no-untyped-call]
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=settings.amp):
-            rollout = self.actors.collect(epsilon)
+        update = self._once(self.settings.at(self.step / self.settings.steps))
+        statistics.add(update)
+        self.step += update.steps * self._group.size
+
+    def _play_and_learn(self, now: Annealed) -> Counts:
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=self.settings.amp):
+            rollout = self.actors.collect(Epsilon(now.epsilon_branch, now.epsilon_leaf))
             if rollout.output is None:
                 rollout = replace(rollout, output=self.learner.output(rollout))
-        losses = self.learner.update(rollout, progress)
-        statistics.add(rollout, self.network, losses)
-        self.step += rollout.rewards.numel() * self._group.size
+        losses = self.learner.update(rollout, now)
+        return counts(rollout, self.network, losses, self.actors.places)
 
     def _passed(self, before: int, every: int) -> bool:
         return before // every != self.step // every or self.step >= self.settings.steps

@@ -180,6 +180,7 @@ def test_nothing_waits_for_the_device(world: str, preset: str) -> None:
 
 
 @pytest.mark.gpu
+@pytest.mark.filterwarnings("ignore:Synchronization debug mode is a prototype")
 @pytest.mark.parametrize("world", sorted(GRAPHS))
 def test_the_gpu_plays_what_the_cpu_plays(world: str) -> None:
     here, there = (batch(GRAPHS[world], "V0", 64, frames=2, device=device) for device in ("cpu", "cuda"))

@@ -23,7 +23,7 @@ from activelsd.policy.transfer import narrow
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.run import Run
 from activelsd.train.settings import TrainSettings
-from activelsd.train.statistics import Statistics
+from activelsd.train.statistics import Statistics, counts
 from activelsd.train.trainer import Trainer
 from tests.graphs import ring_graph, room_graph
 from tests.rollouts import columns
@@ -74,9 +74,9 @@ def test_each_world_is_counted_by_itself(tmp_path: Path) -> None:
     together, alone = Statistics(places), {name: Statistics() for name in places}
     for _ in range(6):
         rollout = playing.actors.collect(Epsilon(0.5, 0.5))
-        together.add(rollout, playing.network, {})
+        together.add(counts(rollout, playing.network, {}, places))
         for name, place in places.items():
-            alone[name].add(columns(rollout, place), playing.network, {})
+            alone[name].add(counts(columns(rollout, place), playing.network, {}, {}))
     metrics = together.read()
     for name, statistics in alone.items():
         for metric, value in statistics.read().items():

@@ -22,6 +22,8 @@ from activelsd.train.settings import TrainSettings
 from activelsd.train.trainer import new_network
 from tests.graphs import ring_graph, room_graph
 
+NOW = TrainSettings().at(0.3)
+
 
 def rollout_of(
     memory: str = "pool",
@@ -54,7 +56,7 @@ def test_kept_acting_pass_gives_the_gradient_of_a_pass_of_its_own(
     gradients = []
     for given in (rollout, replace(rollout, output=None)):
         network.zero_grad()
-        learner.losses(given, 0.3).total.backward()  # type: ignore[no-untyped-call]
+        learner.losses(given, NOW).total.backward()  # type: ignore[no-untyped-call]
         gradients.append([p.grad.clone() for p in network.parameters() if p.grad is not None])
     assert any(float(g.abs().max()) > 0 for g in gradients[0])
     for kept, again in zip(*gradients, strict=True):
@@ -109,17 +111,17 @@ def test_guided_moves_lead_nearer_also_in_a_mirror() -> None:
 def test_learning_rate_falls_linearly_to_zero() -> None:
     network, rollout = rollout_of()
     learner = Learner(network, TrainSettings(learning_rate=1e-3, decay=True))
-    learner.update(replace(rollout, output=None), 0.75)
+    learner.update(replace(rollout, output=None), learner.settings.at(0.75))
     assert learner.optimiser.param_groups[0]["lr"] == pytest.approx(2.5e-4)
     before = [p.detach().clone() for p in network.parameters()]
-    learner.update(replace(rollout, output=None), 1.0)
+    learner.update(replace(rollout, output=None), learner.settings.at(1.0))
     assert all(torch.equal(a, b) for a, b in zip(before, network.parameters(), strict=True))
 
 
 def test_gradient_is_clipped_to_the_norm_asked_for() -> None:
     network, rollout = rollout_of()
     learner = Learner(network, TrainSettings(clip_norm=1e-3))
-    norm = learner.update(replace(rollout, output=None), 0.0)["gradient"]
+    norm = learner.update(replace(rollout, output=None), NOW)["gradient"]
     clipped = torch.cat([p.grad.flatten() for p in network.parameters() if p.grad is not None]).norm()
     assert float(norm) > 1e-3
     assert float(clipped) == pytest.approx(1e-3, rel=1e-3)
@@ -128,8 +130,8 @@ def test_gradient_is_clipped_to_the_norm_asked_for() -> None:
 def test_rewards_are_clipped() -> None:
     network, rollout = rollout_of()
     big = replace(rollout, rewards=rollout.rewards * 100)
-    clipped = Learner(network, TrainSettings(reward_clip=1.0)).losses(big, 0.0)
-    plain = Learner(network, TrainSettings()).losses(rollout, 0.0)
+    clipped = Learner(network, TrainSettings(reward_clip=1.0)).losses(big, NOW)
+    plain = Learner(network, TrainSettings()).losses(rollout, NOW)
     assert rollout.rewards.abs().sum() > 0
     assert clipped.value.item() == pytest.approx(plain.value.item())
 
@@ -137,14 +139,15 @@ def test_rewards_are_clipped() -> None:
 def test_a_cut_episode_is_valued_on_only_when_asked() -> None:
     network, rollout = rollout_of(rules="V1", length=13)
     assert bool(rollout.truncated.any())
-    off = Learner(network, TrainSettings(bootstrap_at_limit=False)).losses(rollout, 0.0)
-    on = Learner(network, TrainSettings(bootstrap_at_limit=True)).losses(rollout, 0.0)
+    off = Learner(network, TrainSettings(bootstrap_at_limit=False)).losses(rollout, NOW)
+    on = Learner(network, TrainSettings(bootstrap_at_limit=True)).losses(rollout, NOW)
     assert off.value.item() != pytest.approx(on.value.item(), rel=1e-6)
 
 
 def test_repeated_steps_on_one_rollout_learn_its_labels() -> None:
     network, rollout = rollout_of()
-    learner = Learner(network, TrainSettings(learning_rate=3e-3, decay=False))
+    learner = Learner(network, TrainSettings())
+    now = NOW._replace(learning_rate=3e-3)
     again = replace(rollout, output=None)
-    losses = [float(learner.update(again, 0.0)["loss/supervised"]) for _ in range(60)]
+    losses = [float(learner.update(again, now)["loss/supervised"]) for _ in range(60)]
     assert losses[-1] < 0.3 * losses[0]

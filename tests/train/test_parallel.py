@@ -64,7 +64,7 @@ def test_two_processes_learn_what_one_does_from_twice_the_episodes(tmp_path: Pat
     before = {name: value.clone() for name, value in network.state_dict().items()}
     learner = Learner(network, TrainSettings())
     for progress in UPDATES:
-        learner.update(rollout, progress)
+        learner.update(rollout, learner.settings.at(progress))
     for name, value in load_network(tmp_path).state_dict().items():
         torch.testing.assert_close(value, network.state_dict()[name], rtol=1e-4, atol=1e-6)
         assert not torch.equal(value, before[name]), name

@@ -17,6 +17,8 @@ from activelsd.train.settings import TrainSettings
 from activelsd.train.vtrace import vtrace
 from tests.train.test_learner import rollout_of
 
+NOW = TrainSettings().at(0.0)
+
 
 def by_definition(
     ratios: NDArray[np.float64],
@@ -107,9 +109,9 @@ def test_learner_corrects_what_an_older_policy_drew_and_nothing_else(lag: float)
     assert output is not None
     now = network.distribution(output.logits, rollout.mask, rollout.epsilon).log_prob(rollout.actions)
     given_behaviour = replace(rollout, behaviour=now.detach() + lag)
-    plain = Learner(network, TrainSettings()).losses(given_behaviour, 0.0)
-    corrected = Learner(network, TrainSettings(vtrace=True)).losses(given_behaviour, 0.0)
+    plain = Learner(network, TrainSettings()).losses(given_behaviour, NOW)
+    corrected = Learner(network, TrainSettings(vtrace=True)).losses(given_behaviour, NOW)
     same = abs(plain.total.item() - corrected.total.item()) < 1e-5
     assert same == (lag == 0.0)
-    on_policy = Learner(network, TrainSettings(vtrace=True)).losses(rollout, 0.0)
+    on_policy = Learner(network, TrainSettings(vtrace=True)).losses(rollout, NOW)
     assert on_policy.total.item() == pytest.approx(plain.total.item())

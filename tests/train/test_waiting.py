@@ -19,8 +19,8 @@ from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
 from activelsd.train.actors.resident import ResidentActors
 from activelsd.train.learner import Learner
-from activelsd.train.settings import TrainSettings
-from activelsd.train.statistics import Statistics
+from activelsd.train.settings import Annealed, TrainSettings
+from activelsd.train.statistics import Statistics, counts
 from tests.graphs import ring_graph, room_graph
 
 WORLDS = {
@@ -65,7 +65,8 @@ def _on_meta(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("_on_meta")
 @pytest.mark.parametrize("world", sorted(WORLDS))
 @pytest.mark.parametrize("changed", [{}, {"mirror": True, "dropout": 0.5, "guided": 0.5}], ids=str)
-def test_nothing_waits_for_the_device(world: str, changed: dict[str, Any]) -> None:
+@pytest.mark.parametrize("annealed", ["numbers", "tensors"])
+def test_nothing_waits_for_the_device(world: str, changed: dict[str, Any], annealed: str) -> None:
     settings = TrainSettings(**changed)
     env = play_recordings(WORLDS[world], num_envs=8, frames=1, device="meta")
     shape = NetworkShape(memory="pool", size=16, crops=world != "rings", features=32)
@@ -80,12 +81,14 @@ def test_nothing_waits_for_the_device(world: str, changed: dict[str, Any]) -> No
         dropout=settings.dropout,
         guided=settings.guided > 0,
     )
-    learner, statistics = Learner(network, settings), Statistics(actors.places)
+    learner, statistics, now = Learner(network, settings), Statistics(actors.places), settings.at(0.1)
+    if annealed == "tensors":  # all but the optimiser's, which takes one in a CUDA graph only
+        now = Annealed(*torch.zeros(len(now) - 1, device="meta").unbind(), now.learning_rate)
     for _ in range(2):
         with NothingComesIn():
-            rollout = actors.collect(Epsilon(0.5, 0.5))
-            losses = learner.update(rollout, 0.1)
-            statistics.add(rollout, network, losses)
+            rollout = actors.collect(Epsilon(now.epsilon_branch, now.epsilon_leaf))
+            losses = learner.update(rollout, now)
+            statistics.add(counts(rollout, network, losses, actors.places))
     assert losses["loss/total"].is_meta
     assert learner.state()
 

@@ -18,7 +18,7 @@ learner = Learner(network, TrainSettings(), group)
 half = rollout.first.shape[1] // group.size
 mine = columns(rollout, slice(group.rank * half, (group.rank + 1) * half))
 for progress in UPDATES:
-    learner.update(mine, progress)
+    learner.update(mine, learner.settings.at(progress))
 if group.rank == 0:
     save_network(network, Path(sys.argv[1]))
 leave(0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from zlib import crc32
 
 import torch
 from torch import Tensor
@@ -21,6 +22,9 @@ class ResidentActors:
     """Play B episodes side by side, L steps at a time.
 
     Nothing in a rollout waits for the device: actions are drawn and episodes replaced there.
+
+    Attributes:
+        generator: draws the actions, on the device.
     """
 
     def __init__(
@@ -44,7 +48,7 @@ class ResidentActors:
         self.env, self.network, self.length = env, network, length
         self._dropout, self._guided = dropout, guided
         self.places = env.places if isinstance(env, JointVectorEnv) else {}
-        self._generator = torch.Generator(env.device).manual_seed(seed)
+        self.generator = torch.Generator(env.device).manual_seed(seed)
         parts = list(env.parts.values()) if isinstance(env, JointVectorEnv) else [env]
         trees = [part.tree for part in parts]
         crops = vary_crops and network.shape.crops
@@ -68,7 +72,7 @@ class ResidentActors:
             mask = vary.mask(env.mask(), self._ways)
             output = self.network(_one(observation), memory, self._first[None])
             drawn = self.network.distribution(output.logits[0].detach(), mask, epsilon)
-            action = drawn.sample(self._generator)
+            action = drawn.sample(self.generator)
             seen.append(observation)
             masks.append(mask)
             labels.append(env.labels)
@@ -80,8 +84,7 @@ class ResidentActors:
             step = env.advance(vary.actions(action, self._ways))
             steps.append(step)
             memory, self._first = output.state, step.terminated | step.truncated
-        # A copy: a CUDA graph's outputs last no longer than an update.
-        self._memory, before = memory.detach().clone(), self._memory
+        self._memory, before = memory.detach(), self._memory
         with torch.no_grad():
             bootstrap = self.network(_one(self._look()), self._memory, self._first[None]).value[0]
         return Rollout(
@@ -106,7 +109,7 @@ class ResidentActors:
 
     def _look(self) -> dict[str, Tensor]:
         """What is seen, varied."""
-        self._ways = self._variation.ways(self._ways, self._first, self._generator)
+        self._ways = self._variation.ways(self._ways, self._first, self.generator)
         return self._variation.look(self.env.observe(), self._ways)
 
     def _dropped(self, observation: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -114,7 +117,7 @@ class ResidentActors:
         if not self._dropout:
             return observation
         shape = (self.env.num_envs, self.network.memory.outputs)
-        return observation | {"dropout": kept(shape, self._dropout, self._generator)}
+        return observation | {"dropout": kept(shape, self._dropout, self.generator)}
 
     def measures(self) -> dict[str, float]:
         """Nothing beside what rollouts say."""
@@ -124,18 +127,28 @@ class ResidentActors:
         """Nothing was started."""
 
     def state(self) -> dict[str, Tensor]:
-        """Where every episode stands and what is remembered of it, for a checkpoint."""
-        own = {"memory": self._memory, "first": self._first, "generator": self._generator.get_state()}
-        own["draws"] = self._ways  # by the name that it has in runs begun before
-        return own | {f"env/{name}": value for name, value in self.env.state().items()}
+        """What playing goes on from, for a checkpoint."""
+        return self.episodes() | {"generator": self.generator.get_state()}
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
-        """Take back what `state` gave."""
-        device = self.env.device
-        self._memory, self._first = tensors["memory"].to(device), tensors["first"].to(device)
-        self._generator.set_state(tensors["generator"])
-        self._ways = tensors["draws"].to(device)
-        self.env.load_state({k.removeprefix("env/"): v for k, v in tensors.items() if k.startswith("env/")})
+        """Take back what `state` gave; on another kind of device actions are drawn otherwise from here on."""
+        drawn = tensors["generator"]
+        if drawn.shape == self.generator.get_state().shape:
+            self.generator.set_state(drawn)
+        else:  # each kind has generators of its own
+            self.generator.manual_seed(crc32(drawn.numpy().tobytes()))
+        self.go_on({k: v.to(self.env.device) for k, v in tensors.items() if k != "generator"})
+
+    def episodes(self) -> dict[str, Tensor]:
+        """Where every episode stands and what is remembered of it, on the device."""
+        # "draws": by the name that it has in runs begun before.
+        own = {"memory": self._memory, "first": self._first, "draws": self._ways}
+        return own | {f"env/{name}": value for name, value in self.env.state().items()}
+
+    def go_on(self, episodes: dict[str, Tensor]) -> None:
+        """Play on from what `episodes` gave."""
+        self._memory, self._first, self._ways = (episodes[name] for name in ("memory", "first", "draws"))
+        self.env.load_state({k.removeprefix("env/"): v for k, v in episodes.items() if k.startswith("env/")})
 
 
 def on_recordings(

@@ -83,19 +83,20 @@ def test_without_lag_nothing_is_corrected_and_with_it_something_is(dropout: floa
     pytest.importorskip("ray", reason=REASON)
     crew = actors()
     network, settings = crew._network, settings_of()
+    now = settings.at(0.0)
     workers = [worker_of(recordings.rings, seed, dropout) for seed in (1, 2)]
     played = [(worker.play(weights_of(network), 0, EPSILON), 0) for worker in workers]
     rollout = crew._rollout(played, EPSILON)
     assert rollout.rewards.shape == (4, 6)
     assert rollout.nearer is not None
     assert rollout.nearer.shape == rollout.mask.shape
-    corrected = Learner(network, settings).losses(rollout, 0.0).total.item()
-    plain = Learner(network, settings).losses(replace(rollout, behaviour=None), 0.0).total.item()
+    corrected = Learner(network, settings).losses(rollout, now).total.item()
+    plain = Learner(network, settings).losses(replace(rollout, behaviour=None), now).total.item()
     assert corrected == pytest.approx(plain, rel=1e-5)
     with torch.no_grad():
         network.policy.bias.copy_(torch.arange(len(network.policy.bias)) % 5)  # the learner is ahead
-    corrected = Learner(network, settings).losses(rollout, 0.0).total.item()
-    plain = Learner(network, settings).losses(replace(rollout, behaviour=None), 0.0).total.item()
+    corrected = Learner(network, settings).losses(rollout, now).total.item()
+    plain = Learner(network, settings).losses(replace(rollout, behaviour=None), now).total.item()
     assert corrected != pytest.approx(plain, rel=1e-4)
 
 

@@ -1,0 +1,71 @@
+"""A trainer's update as one CUDA graph: some thousand small kernels are launched by a single call.
+
+A graph repeats kernels on the same addresses with the same numbers. So what one update hands to the next, the
+state of the episodes, is copied to a place that stays, and so is what changes from update to update, the
+annealed values. Weights and the optimiser's state are changed in place as it is, and the generator that is
+registered draws on from replay to replay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+
+from activelsd.train.actors.resident import ResidentActors
+from activelsd.train.settings import Annealed
+from activelsd.train.statistics import Counts
+
+WARM_UPS = 3
+"""Updates made kernel by kernel first: libraries choose theirs, and the optimiser makes its state."""
+
+
+class GraphedUpdate:
+    """Makes updates; after a few, by replaying what one of them did."""
+
+    def __init__(
+        self, update: Callable[[Annealed], Counts], actors: ResidentActors, device: torch.device
+    ) -> None:
+        """Repeat an update by these actors, which never waits for the device."""
+        self._update, self._actors = update, actors
+        self._now = torch.zeros(len(Annealed._fields), device=device)
+        self._episodes = {name: value.clone() for name, value in actors.episodes().items()}
+        self._warm_ups = WARM_UPS
+        self._graph: torch.cuda.CUDAGraph | None = None
+
+    def __call__(self, now: Annealed) -> Counts:
+        """An update; what it counted is written over by the next."""
+        self._now.copy_(torch.tensor(now), non_blocking=True)
+        if self._warm_ups:
+            self._warm_ups -= 1
+            return self._warm_up()
+        if self._graph is None:
+            self._capture()
+        assert self._graph is not None
+        self._graph.replay()
+        return self._counts
+
+    def _warm_up(self) -> Counts:
+        """On a stream of its own, as capturing wants it."""
+        stream, main = torch.cuda.Stream(), torch.cuda.current_stream()  # type: ignore[no-untyped-call]
+        stream.wait_stream(main)
+        with torch.cuda.stream(stream):
+            counts = self.in_place()
+        main.wait_stream(stream)
+        return counts
+
+    def _capture(self) -> None:
+        graph = torch.cuda.CUDAGraph()
+        graph.register_generator_state(self._actors.generator)
+        with torch.cuda.graph(graph):
+            self._counts = self.in_place()
+        self._graph = graph
+
+    def in_place(self) -> Counts:
+        """An update of the episodes where they are."""
+        self._actors.go_on(self._episodes)
+        counts = self._update(Annealed(*self._now.unbind()))
+        for name, value in self._actors.episodes().items():
+            self._episodes[name].copy_(value)
+        self._actors.go_on(self._episodes)
+        return counts
