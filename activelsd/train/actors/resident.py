@@ -85,8 +85,6 @@ class ResidentActors:
             steps.append(step)
             memory, self._first = output.state, step.terminated | step.truncated
         self._memory, before = memory.detach(), self._memory
-        with torch.no_grad():
-            bootstrap = self.network(_one(self._look()), self._memory, self._first[None]).value[0]
         return Rollout(
             observation={name: torch.stack([o[name] for o in seen]) for name in seen[0]},
             first=torch.stack(firsts),
@@ -100,12 +98,26 @@ class ResidentActors:
             truncated=torch.stack([s.truncated for s in steps]),
             right=torch.stack([s.answer for s in steps]) == torch.stack(labels),
             views=torch.stack([s.views for s in steps]),
-            bootstrap=bootstrap,
+            bootstrap=self._following(),
             nearer=torch.stack(nearer) if nearer else None,
             output=Output(
                 torch.cat([o.logits for o in outputs]), torch.cat([o.value for o in outputs]), self._memory
             ),
         )
+
+    @torch.no_grad()
+    def _following(self) -> Tensor:
+        """(B,) the value of what follows the last step, which nobody asks for where an episode ended."""
+        seen, first = self._look(), self._first
+        value = torch.zeros_like(first, dtype=torch.float32)
+        rows = torch.arange(len(first), device=first.device)
+        if first.is_cpu:  # elsewhere who goes on would have to be waited for
+            rows = rows[~first]
+        if len(rows):
+            observation = {name: x.index_select(0, rows) for name, x in seen.items()}
+            output: Output = self.network(_one(observation), self._memory[rows], first[None, rows])
+            value[rows] = output.value[0]
+        return value
 
     def _look(self) -> dict[str, Tensor]:
         """What is seen, varied."""
