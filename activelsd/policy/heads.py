@@ -65,22 +65,22 @@ class ActionDistribution:
         """(..., n - m) log-probability of each move given that the agent moves, without epsilon."""
 
 
-def _mix(log_p: Tensor, legal: Tensor, epsilon: float | Tensor) -> Tensor:
+def _mix(log_p: Tensor, legal: Tensor, illegal: Tensor, epsilon: float | Tensor) -> Tensor:
     """log of (1 - epsilon) p + epsilon u, with u uniform over what is legal; -inf elsewhere."""
     if not isinstance(epsilon, Tensor) and epsilon == 0.0:
         return log_p
-    uniform = legal / legal.sum(-1, keepdim=True).clamp(min=1)
-    mixed = (1.0 - epsilon) * log_p.exp() + epsilon * uniform
+    uniform = legal / legal.sum(-1, keepdim=True, dtype=log_p.dtype).clamp(min=1)
+    mixed = log_p.exp().lerp(uniform, epsilon)
     if isinstance(epsilon, Tensor):  # which may be 0, and then p may be too
         mixed = mixed.clamp(min=torch.finfo(mixed.dtype).tiny)
     # The inner fill keeps log away from zero: its gradient there would be NaN even though it is not used.
-    return mixed.masked_fill(~legal, 1.0).log().masked_fill(~legal, -torch.inf)
+    return mixed.masked_fill_(illegal, 1.0).log().masked_fill_(illegal, -torch.inf)
 
 
-def _log_softmax(logits: Tensor, legal: Tensor) -> Tensor:
+def _log_softmax(logits: Tensor, illegal: Tensor) -> Tensor:
     """log-softmax over what is legal; where nothing is, -inf everywhere and no NaN in the gradient."""
-    log_p = logits.masked_fill(~legal, torch.finfo(logits.dtype).min).log_softmax(-1)
-    return log_p.masked_fill(~legal, -torch.inf)
+    log_p = logits.masked_fill(illegal, torch.finfo(logits.dtype).min).log_softmax(-1)
+    return log_p.masked_fill(illegal, -torch.inf)
 
 
 def _entropy(log_p: Tensor) -> Tensor:
@@ -107,22 +107,17 @@ class TreeCategorical(ActionDistribution):
             mask: (..., n) bool, the legal actions; at least one in every row.
             epsilon: probability of a random choice per level.
         """
-        legal = [mask[..., tree.span(b)] for b in tree.branches]
-        open_branch = torch.stack([x.any(-1) for x in legal], -1)
+        sizes = list(tree.sizes)
+        legal, illegal, logits = (torch.split(x, sizes, -1) for x in (mask, ~mask, leaf_logits))
+        closed = torch.stack([x.all(-1) for x in illegal], -1)
         self._tree = tree
-        self._branch = _log_softmax(branch_logits, open_branch)
-        self._leaves = [
-            _log_softmax(leaf_logits[..., tree.span(b)], ok)
-            for b, ok in zip(tree.branches, legal, strict=True)
-        ]
-        acting = _mix(self._branch, open_branch, epsilon.branch)
-        self.log_probs = torch.cat(
-            [
-                acting[..., i, None] + _mix(leaf, ok, epsilon.leaf)
-                for i, (leaf, ok) in enumerate(zip(self._leaves, legal, strict=True))
-            ],
-            -1,
+        self._branch = _log_softmax(branch_logits, closed)
+        self._leaves = [_log_softmax(x, no) for x, no in zip(logits, illegal, strict=True)]
+        acting = torch.split(_mix(self._branch, ~closed, closed, epsilon.branch), 1, -1)
+        leaves = (
+            _mix(x, ok, no, epsilon.leaf) for x, ok, no in zip(self._leaves, legal, illegal, strict=True)
         )
+        self.log_probs = torch.cat([a + b for a, b in zip(acting, leaves, strict=True)], -1)
 
     def entropy(self) -> Entropy:
         """H(branch), and the sum over branches of pi(branch) H(leaf given branch)."""
@@ -147,9 +142,9 @@ class FlatCategorical(ActionDistribution):
 
     def __init__(self, tree: ActionTree, logits: Tensor, mask: Tensor, epsilon: Epsilon = Epsilon()) -> None:
         """As `TreeCategorical`, with logits (..., n)."""
-        self._tree, self._logits, self._mask = tree, logits, mask
-        self._log_p = _log_softmax(logits, mask)
-        self.log_probs = _mix(self._log_p, mask, epsilon.leaf)
+        self._tree, self._logits, self._illegal = tree, logits, ~mask
+        self._log_p = _log_softmax(logits, self._illegal)
+        self.log_probs = _mix(self._log_p, mask, self._illegal, epsilon.leaf)
 
     def entropy(self) -> Entropy:
         """All of it at the leaf level: there is no other."""
@@ -171,4 +166,4 @@ class FlatCategorical(ActionDistribution):
 
     def _among(self, branch: str) -> Tensor:
         span = self._tree.span(branch)
-        return _log_softmax(self._logits[..., span], self._mask[..., span])
+        return _log_softmax(self._logits[..., span], self._illegal[..., span])
