@@ -29,14 +29,16 @@ class ActionDistribution:
     """A distribution over the n actions of a tree, over any leading shape.
 
     Attributes:
-        log_probs: (..., n) log-probability of every action, epsilon mixed in; -inf where it is not legal.
+        probs: (..., n) probability of every action, epsilon mixed in; 0 where it is not legal.
     """
 
-    log_probs: Tensor
+    probs: Tensor
 
     def log_prob(self, actions: Tensor) -> Tensor:
         """(...) log-probability of int64 actions (...)."""
-        return self.log_probs.gather(-1, actions[..., None]).squeeze(-1)
+        likely = self.probs.gather(-1, actions[..., None]).squeeze(-1)
+        # What another policy drew may be out of this one's reach; from there nothing is learned.
+        return likely.clamp(min=torch.finfo(likely.dtype).tiny).log()
 
     def sample(self, generator: torch.Generator | None = None) -> Tensor:
         """(...) int64 actions drawn from the distribution.
@@ -45,7 +47,7 @@ class ActionDistribution:
         does, without its checks, which wait for the device and end a run on a NaN before its loss can be
         reported.
         """
-        probs = self.log_probs.detach().exp()
+        probs = self.probs.detach()
         return (probs / torch.empty_like(probs).exponential_(generator=generator)).argmax(-1)
 
     @abstractmethod
@@ -65,16 +67,12 @@ class ActionDistribution:
         """(..., n - m) log-probability of each move given that the agent moves, without epsilon."""
 
 
-def _mix(log_p: Tensor, legal: Tensor, illegal: Tensor, epsilon: float | Tensor) -> Tensor:
-    """log of (1 - epsilon) p + epsilon u, with u uniform over what is legal; -inf elsewhere."""
+def _mix(log_p: Tensor, legal: Tensor, epsilon: float | Tensor) -> Tensor:
+    """(1 - epsilon) p + epsilon u, with u uniform over what is legal."""
     if not isinstance(epsilon, Tensor) and epsilon == 0.0:
-        return log_p
+        return log_p.exp()
     uniform = legal / legal.sum(-1, keepdim=True, dtype=log_p.dtype).clamp(min=1)
-    mixed = log_p.exp().lerp(uniform, epsilon)
-    if isinstance(epsilon, Tensor):  # which may be 0, and then p may be too
-        mixed = mixed.clamp(min=torch.finfo(mixed.dtype).tiny)
-    # The inner fill keeps log away from zero: its gradient there would be NaN even though it is not used.
-    return mixed.masked_fill_(illegal, 1.0).log().masked_fill_(illegal, -torch.inf)
+    return log_p.exp().lerp(uniform, epsilon)
 
 
 def _log_softmax(logits: Tensor, illegal: Tensor) -> Tensor:
@@ -88,7 +86,7 @@ def _entropy(log_p: Tensor) -> Tensor:
 
 
 class TreeCategorical(ActionDistribution):
-    """log pi(a) = log pi(branch) + log pi(leaf given branch), epsilon mixed in at both levels."""
+    """pi(a) = pi(branch) pi(leaf given branch), epsilon mixed in at both levels."""
 
     def __init__(
         self,
@@ -113,11 +111,9 @@ class TreeCategorical(ActionDistribution):
         self._tree = tree
         self._branch = _log_softmax(branch_logits, closed)
         self._leaves = [_log_softmax(x, no) for x, no in zip(logits, illegal, strict=True)]
-        acting = torch.split(_mix(self._branch, ~closed, closed, epsilon.branch), 1, -1)
-        leaves = (
-            _mix(x, ok, no, epsilon.leaf) for x, ok, no in zip(self._leaves, legal, illegal, strict=True)
-        )
-        self.log_probs = torch.cat([a + b for a, b in zip(acting, leaves, strict=True)], -1)
+        acting = torch.split(_mix(self._branch, ~closed, epsilon.branch), 1, -1)
+        leaves = [_mix(x, ok, epsilon.leaf) for x, ok in zip(self._leaves, legal, strict=True)]
+        self.probs = torch.cat([a * b for a, b in zip(acting, leaves, strict=True)], -1)
 
     def entropy(self) -> Entropy:
         """H(branch), and the sum over branches of pi(branch) H(leaf given branch)."""
@@ -144,7 +140,7 @@ class FlatCategorical(ActionDistribution):
         """As `TreeCategorical`, with logits (..., n)."""
         self._tree, self._logits, self._illegal = tree, logits, ~mask
         self._log_p = _log_softmax(logits, self._illegal)
-        self.log_probs = _mix(self._log_p, mask, self._illegal, epsilon.leaf)
+        self.probs = _mix(self._log_p, mask, epsilon.leaf)
 
     def entropy(self) -> Entropy:
         """All of it at the leaf level: there is no other."""

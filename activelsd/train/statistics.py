@@ -46,7 +46,7 @@ def counts(
             "navigate": branch * free,
             "first": rollout.first,
             "right_at_first": named_right & rollout.first,
-            "surprise": -policy.log_probs.amax(-1),
+            "surprise": -policy.probs.amax(-1).log(),
         }
     sums = {
         world + name: count[:, place].sum(dtype=torch.float64)

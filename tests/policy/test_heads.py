@@ -73,9 +73,9 @@ def test_a_tree_is_what_enumerating_it_says(which: int, seed: int, epsilon: tupl
         for b, p, s in zip(acting_branch, pi_leaf, spans(tree), strict=True)
         for x in mixed(p, mask[s], epsilon[1])
     ]
-    assert policy.log_probs.exp().tolist() == pytest.approx(acting, abs=1e-6)
-    assert policy.log_probs.exp().sum().item() == pytest.approx(1.0, abs=1e-5)
-    assert [p == -math.inf for p in policy.log_probs.tolist()] == [not ok for ok in mask]
+    assert policy.probs.tolist() == pytest.approx(acting, abs=1e-6)
+    assert policy.probs.sum().item() == pytest.approx(1.0, abs=1e-5)
+    assert [p == 0 for p in policy.probs.tolist()] == [not ok for ok in mask]
     assert policy.branch_probs().tolist() == pytest.approx(pi_branch, abs=1e-6)
     assert policy.entropy().branch.item() == pytest.approx(entropy(pi_branch), abs=1e-5)
     per_branch = sum(b * entropy(p) for b, p in zip(pi_branch, pi_leaf, strict=True))
@@ -95,7 +95,7 @@ def test_a_flat_head_is_one_softmax(which: int, seed: int, epsilon: float) -> No
     _, leaf, mask = case(tree, seed)
     policy = FlatCategorical(tree, torch.tensor(leaf), torch.tensor(mask), Epsilon(0.9, epsilon))
     p = softmax(leaf, mask)
-    assert policy.log_probs.exp().tolist() == pytest.approx(mixed(p, mask, epsilon), abs=1e-6)
+    assert policy.probs.tolist() == pytest.approx(mixed(p, mask, epsilon), abs=1e-6)
     assert policy.entropy().branch.item() == 0.0
     assert policy.entropy().leaf.item() == pytest.approx(entropy(p), abs=1e-5)
     assert policy.branch_probs().tolist() == pytest.approx([sum(p[s]) for s in spans(tree)], abs=1e-6)
@@ -140,14 +140,45 @@ def test_gradients_through_epsilon_are_those_of_finite_differences() -> None:
     assert torch.autograd.gradcheck(log_prob, (branch, leaf))
 
 
+def test_what_is_out_of_reach_is_finite_and_teaches_nothing() -> None:
+    tree = TREES[0]
+    leaf = torch.tensor([0.0, 200.0, 0.0, 0.0, 0.0], requires_grad=True)
+    policy = TreeCategorical(tree, torch.zeros(2), leaf, torch.ones(5, dtype=torch.bool))
+    drawn = policy.log_prob(torch.tensor(0))
+    drawn.backward()
+    assert drawn.isfinite()
+    assert leaf.grad is not None
+    assert not leaf.grad.any()
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 0.25, 1.0])
+@pytest.mark.parametrize("head", ["tree", "flat"])
+def test_epsilon_may_be_a_tensor(head: str, epsilon: float) -> None:
+    """As in a CUDA graph, which is written once for all that epsilon will be."""
+    tree = TREES[0]
+    branch, leaf, mask = case(tree, 3)
+
+    def policy(given: Epsilon) -> ActionDistribution:
+        if head == "tree":
+            return make_tree(tree, branch, leaf, mask, given)
+        return FlatCategorical(tree, torch.tensor(leaf), torch.tensor(mask), given)
+
+    number = policy(Epsilon(epsilon, epsilon))
+    tensor = policy(Epsilon(torch.tensor(epsilon), torch.tensor(epsilon)))
+    torch.testing.assert_close(tensor.probs, number.probs)
+    actions = torch.arange(tree.n)[torch.tensor(mask)]
+    found = torch.stack([tensor.log_prob(action) for action in actions])
+    torch.testing.assert_close(found, number.probs[actions].log())
+
+
 def test_sampling_follows_the_probabilities_and_the_generator() -> None:
     tree = TREES[0]
     branch, leaf, mask = case(tree, 3)
     policy = make_tree(tree, branch, leaf, mask, Epsilon(0.2, 0.2))
     many = make_tree(tree, branch, leaf, mask, Epsilon(0.2, 0.2))
-    many.log_probs = policy.log_probs.expand(40_000, -1)
+    many.probs = policy.probs.expand(40_000, -1)
     drawn = many.sample(torch.Generator().manual_seed(0))
     shares = torch.bincount(drawn, minlength=tree.n) / len(drawn)
-    assert shares.tolist() == pytest.approx(policy.log_probs.exp().tolist(), abs=0.015)
+    assert shares.tolist() == pytest.approx(policy.probs.tolist(), abs=0.015)
     assert torch.equal(drawn, many.sample(torch.Generator().manual_seed(0)))
     assert not torch.equal(drawn, many.sample(torch.Generator().manual_seed(1)))

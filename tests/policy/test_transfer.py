@@ -168,7 +168,7 @@ def test_a_narrowed_network_is_the_wide_one_where_no_more_is_legal(head: str, cr
     assert torch.equal(state, narrow_state)
     theirs = wide.distribution(logits, mask.expand(1, 64, -1))
     ours = few.distribution(narrow_logits, torch.ones(1, 64, FEW.n, dtype=torch.bool))
-    torch.testing.assert_close(ours.log_probs, theirs.log_probs[..., actions])
+    torch.testing.assert_close(ours.probs, theirs.probs[..., actions])
     assert wide.tree == WIDE
     assert narrow(wide, WIDE) is wide
     with pytest.raises(RunError, match="not trained for classify/spoon"):
