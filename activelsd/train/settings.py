@@ -127,8 +127,8 @@ class TrainSettings(BaseModel):
     compile: bool = Field(False, description="resident: the network goes through torch.compile first")
     cuda_graphs: bool | None = Field(
         None,
-        description="resident, on a GPU: an update, from playing to learning, is one CUDA graph; null: where"
-        " one process learns",
+        description="resident, on a GPU: an update, from playing to learning, is one CUDA graph; null: yes,"
+        " where one process learns",
     )
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 

@@ -12,7 +12,7 @@ import torch
 
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import Recording, union
 from activelsd.errors import ConfigError
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import NetworkShape
@@ -26,8 +26,9 @@ from activelsd.train.statistics import Counts, Statistics
 from activelsd.train.trainer import Trainer
 from tests.graphs import ring_graph, room_graph
 
-RINGS = Recording("rings", ring_graph(), PRESETS["V0"])
-ROOMS = Recording("rooms", room_graph(size=16), PRESETS["V4"])
+RINGS = [Recording("rings", ring_graph(), PRESETS["V0"])]
+ROOMS = [Recording("rooms", room_graph(size=16), PRESETS["V4"])]
+WORLDS = {"rings": RINGS, "rooms": ROOMS}
 COMPILED = pytest.mark.skipif(shutil.which("c++") is None, reason="torch.compile needs a C++ compiler")
 pytestmark = [  # of PyTorch about itself
     pytest.mark.filterwarnings("ignore:Synchronization debug mode is a prototype"),
@@ -39,7 +40,7 @@ RICH = {"mirror": True, "dropout": 0.5, "guided": 0.5}
 
 def trainer(
     folder: Path,
-    world: Recording,
+    worlds: list[Recording],
     device: str,
     *,
     resume: bool = False,
@@ -47,12 +48,12 @@ def trainer(
     **changed: Any,
 ) -> Trainer:
     settings = TrainSettings(**{"steps": 2400, "envs": 16, "length": 5, "loggers": [], **changed})
-    shape = NetworkShape(size=world.graph.size, features=32, crops=world is ROOMS)
+    tree = union([tree_of(world.graph) for world in worlds])
+    crops = any(world.graph.crops is not None for world in worlds)
+    shape = NetworkShape(size=worlds[0].graph.size, features=32, crops=crops)
     run = Run(folder) if resume else Run.create(folder, "test", "")
-    actors = on_recordings([world], settings, frames=1, device=device)
-    return Trainer(
-        run, tree_of(world.graph), shape, settings, actors, seed=3, device=device, resume=resume, group=group
-    )
+    actors = on_recordings(worlds, settings, frames=1, device=device)
+    return Trainer(run, tree, shape, settings, actors, seed=3, device=device, resume=resume, group=group)
 
 
 def updates(made: Trainer, number: int) -> dict[str, float]:
@@ -63,10 +64,10 @@ def updates(made: Trainer, number: int) -> dict[str, float]:
     return counted.read()
 
 
-@pytest.mark.parametrize("world", [RINGS, ROOMS], ids=lambda world: world.name)
-def test_an_update_in_place_is_the_update(tmp_path: Path, world: Recording) -> None:
+@pytest.mark.parametrize("worlds", [RINGS, ROOMS, RINGS + ROOMS], ids=["rings", "rooms", "both"])
+def test_an_update_in_place_is_the_update(tmp_path: Path, worlds: list[Recording]) -> None:
     """What a graph repeats, with what a CPU has: the same places for episodes, other numbers each time."""
-    plain, placed = (trainer(tmp_path / name, world, "cpu", **RICH) for name in ("plain", "placed"))
+    plain, placed = (trainer(tmp_path / name, worlds, "cpu", **RICH) for name in ("plain", "placed"))
     repeated = GraphedUpdate(_with_numbers(placed), placed.actors, torch.device("cpu"))  # type: ignore[arg-type]
     at = {name: value.data_ptr() for name, value in repeated._episodes.items()}
     for update in range(12):
@@ -108,9 +109,9 @@ def test_a_graph_is_for_one_process(tmp_path: Path) -> None:
 
 @pytest.mark.gpu
 @pytest.mark.parametrize("changed", [{}, RICH, {"amp": True}, {"optimiser": "rmsprop"}], ids=str)
-@pytest.mark.parametrize("world", [RINGS, ROOMS], ids=lambda world: world.name)
-def test_an_update_waits_for_nothing(tmp_path: Path, world: Recording, changed: dict[str, Any]) -> None:
-    made, counted = trainer(tmp_path, world, "cuda", cuda_graphs=False, **changed), Statistics()
+@pytest.mark.parametrize("world", ["rings", "rooms"])
+def test_an_update_waits_for_nothing(tmp_path: Path, world: str, changed: dict[str, Any]) -> None:
+    made, counted = trainer(tmp_path, WORLDS[world], "cuda", cuda_graphs=False, **changed), Statistics()
     made._update(counted)
     torch.cuda.synchronize()
     torch.cuda.set_sync_debug_mode("error")
@@ -167,7 +168,7 @@ def test_a_run_of_graphs_resumes(tmp_path: Path, changed: dict[str, Any]) -> Non
 def test_graphs_learn_to_look_before_they_answer(tmp_path: Path) -> None:
     """A world whose class shows on 3 of 12 views: answering well means walking there first."""
     world = Recording("rings", ring_graph(objects=12, classes=3, telling=(3, 4, 5)), PRESETS["V4"])
-    made = trainer(tmp_path, world, "cuda", steps=60_000, envs=32, log_every=5_000)
+    made = trainer(tmp_path, [world], "cuda", steps=60_000, envs=32, log_every=5_000)
     made.train()
     last = json.loads((made.run.folder / "metrics.jsonl").read_text().splitlines()[-1])
     assert last["accuracy"] > 0.9  # from the first view no more than 1/4 + 3/4 * 1/3 = 0.5
@@ -177,14 +178,14 @@ def test_graphs_learn_to_look_before_they_answer(tmp_path: Path) -> None:
 @pytest.mark.gpu
 def test_ga3c_plays_with_a_network_on_the_gpu(tmp_path: Path) -> None:
     settings = TrainSettings(steps=2000, loggers=[], log_every=1000)
-    chosen = GA3CSettings(kind="threads", agents=4, envs_per_agent=4)
+    graph, chosen = ring_graph(), GA3CSettings(kind="threads", agents=4, envs_per_agent=4)
     made = Trainer(
         Run.create(tmp_path, "test", ""),
-        tree_of(RINGS.graph),
-        NetworkShape(size=RINGS.graph.size, features=32),
+        tree_of(graph),
+        NetworkShape(size=graph.size, features=32),
         settings,
         lambda network, seed: GA3CActors(
-            lambda: ViewGraphEnv(RINGS.graph, RINGS.rules, frames=1), network, chosen, settings.length, seed
+            lambda: ViewGraphEnv(graph, PRESETS["V0"], frames=1), network, chosen, settings.length, seed
         ),
         seed=3,
         device="cuda",
