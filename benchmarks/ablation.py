@@ -2,7 +2,7 @@
 
 The table has a variant's accuracy on objects that it has not seen and its views, each as mean ± 95 % interval
 over seeds by Student's t, and the same of the differences to the default, paired by seed. It is measured on
-the validation split, by which one may choose; `--split test` is for the report. With twenty variants one
+the validation split, by which one may choose; `--split test` is for the report. With so many variants one
 interval may well be off zero by chance.
 
     python benchmarks/ablation.py env=modelnet --steps 600000 --seeds 3 --out ablation --only flat,V0

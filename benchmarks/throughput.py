@@ -2,11 +2,12 @@
 
 The network alone does, on frames already in memory, an acting forward a step, or a learning step: forward,
 backward and the optimiser's; each at the best of several batch sizes and memory layouts, which is looked for
-first. The trainer does everything: episodes, exploration, losses, statistics; with resident actors, and with
-GA3C's in threads and in processes. So do the others, of those that are installed: Stable-Baselines3's A2C and
-Sample Factory's APPO with the same observations, network size, number of environments and of steps. Both get
-the trunk of this project with its layout, which compares trainers; the first gets one besides that computes
-the same as a user would write it, which compares what users have.
+first. On a GPU (`--device cuda`) each is one CUDA graph, as the trainer's update is there. The trainer does
+everything: episodes, exploration, losses, statistics; with resident actors, and with GA3C's in threads and in
+processes. So do the others, of those that are installed: Stable-Baselines3's A2C and Sample Factory's APPO
+with the same observations, network size, number of environments and of steps. Both get the trunk of this
+project with its layout, which compares trainers; the first gets one besides that computes the same as a user
+would write it, which compares what users have.
 
 All take turns, each in a process of its own (GA3C's agents stand still at a full training queue meanwhile),
 so a machine that slows down slows all. CPU time is that of a contestant's process: what GA3C's processes
