@@ -40,13 +40,13 @@ from activelsd.train.actors.ga3c.actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
 from activelsd.train.actors.protocol import MakeActors
 from activelsd.train.actors.resident import on_recordings
+from activelsd.train.cudagraph import WARM_UPS, warm_up
 from activelsd.train.run import Run
 from activelsd.train.settings import GA3CSettings, TrainSettings
 from activelsd.train.statistics import Statistics
 from activelsd.train.trainer import Trainer, new_network
 
-ROLLOUT = TrainSettings().length
-BATCHES = (1, 2, 3, ROLLOUT)
+BATCHES = (1, 2, 3, TrainSettings().length)
 """That the network alone is tried with, times the number of episodes."""
 
 LAYOUTS = {"channels last": torch.channels_last, "channels first": torch.contiguous_format}
@@ -107,12 +107,8 @@ def bare(shape: NetworkShape, batch: int, layout: str, device: str) -> tuple[Ste
 
 def replayed(part: Callable[[], None]) -> Callable[[], None]:
     """As a CUDA graph."""
-    stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
-    stream.wait_stream(torch.cuda.current_stream())
-    with torch.cuda.stream(stream):
-        for _ in range(3):
-            part()
-    torch.cuda.current_stream().wait_stream(stream)
+    for _ in range(WARM_UPS):
+        warm_up(part)
     captured = torch.cuda.CUDAGraph()
     with torch.cuda.graph(captured):
         part()

@@ -9,6 +9,7 @@ registered draws on from replay to replay.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import torch
 
@@ -18,6 +19,19 @@ from activelsd.train.statistics import Counts
 
 WARM_UPS = 3
 """Updates made kernel by kernel first: libraries choose theirs, and the optimiser makes its state."""
+
+
+Done = TypeVar("Done")
+
+
+def warm_up(work: Callable[[], Done]) -> Done:
+    """Do work that is to be captured later: on a stream of its own, as capturing wants it."""
+    stream, main = torch.cuda.Stream(), torch.cuda.current_stream()  # type: ignore[no-untyped-call]
+    stream.wait_stream(main)
+    with torch.cuda.stream(stream):
+        done = work()
+    main.wait_stream(stream)
+    return done
 
 
 class GraphedUpdate:
@@ -38,21 +52,12 @@ class GraphedUpdate:
         self._now.copy_(torch.tensor(now), non_blocking=True)
         if self._warm_ups:
             self._warm_ups -= 1
-            return self._warm_up()
+            return warm_up(self.in_place)
         if self._graph is None:
             self._capture()
         assert self._graph is not None
         self._graph.replay()
         return self._counts
-
-    def _warm_up(self) -> Counts:
-        """On a stream of its own, as capturing wants it."""
-        stream, main = torch.cuda.Stream(), torch.cuda.current_stream()  # type: ignore[no-untyped-call]
-        stream.wait_stream(main)
-        with torch.cuda.stream(stream):
-            counts = self.in_place()
-        main.wait_stream(stream)
-        return counts
 
     def _capture(self) -> None:
         graph = torch.cuda.CUDAGraph()

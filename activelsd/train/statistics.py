@@ -53,7 +53,7 @@ def counts(
         for world, place in _with_all(places).items()
         for name, count in each.items()
     }
-    sums |= {"updates": torch.ones_like(rollout.bootstrap[0]), **losses}
+    sums |= losses
     return Counts(ended.numel(), tuple(sums), torch.stack([value.double() for value in sums.values()]))
 
 
@@ -68,17 +68,18 @@ class Statistics:
         self._places = _with_all(places or {})
         self._names: tuple[str, ...] = ()
         self._sums: Tensor | float = 0.0
+        self._updates = 0
 
     def add(self, update: Counts) -> None:
         """Add an update's."""
         self._names, self._sums = update.names, self._sums + update.values
+        self._updates += 1
 
     def read(self) -> dict[str, float]:
         """The window's metrics, and begin the next window."""
         assert isinstance(self._sums, Tensor), "nothing was added"
         sums = dict(zip(self._names, self._sums.tolist(), strict=True))
-        self._sums = 0.0
-        updates = max(sums.pop("updates"), 1)
+        updates, self._updates, self._sums = self._updates, 0, 0.0
         metrics: dict[str, float] = {}
         for world in self._places:
             steps, episodes = max(sums.pop(f"{world}steps"), 1), max(sums.pop(f"{world}episodes"), 1)
