@@ -24,21 +24,21 @@ from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.cores import cores
 from activelsd.envs.episode import PRESETS, EpisodeRules
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import OpenWorld
 from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.envs.modelnet.orbit import ORBIT_MOVES, ring_table
-from activelsd.envs.modelnet.shapes import CATEGORIES
 from activelsd.envs.thor.env import thor_graph
 from activelsd.envs.thor.lattice import MOVES as THOR_MOVES
 from activelsd.envs.thor.simulators import STANDIN
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
-from activelsd.train.actors.ga3c.actors import GA3CActors
-from activelsd.train.actors.ga3c.player import Env
+from activelsd.scenery.shapes import CATEGORIES
+from activelsd.train.actors.ga3c.ga3c_actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
-from activelsd.train.actors.protocol import MakeActors
-from activelsd.train.actors.ray.actors import RayActors
+from activelsd.train.actors.ga3c.stepper import Env
+from activelsd.train.actors.interface import MakeActors
+from activelsd.train.actors.ray.ray_actors import RayActors
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.parallel import started_together
 
@@ -171,10 +171,10 @@ def build_backend(settings: World) -> str:
 
 def open_recordings(
     worlds: Mapping[str, World], graph: Callable[[World], ViewGraph] = build_graph
-) -> list[Recording]:
+) -> list[OpenWorld]:
     """Worlds by their names, to play; `graph` opens the views of each, from this machine's cache."""
     return [
-        Recording(name, graph(own), build_rules(own.rules), build_backend(own))
+        OpenWorld(name, graph(own), build_rules(own.rules), build_backend(own))
         for name, own in worlds.items()
     ]
 
@@ -198,7 +198,7 @@ def build_shape(settings: PolicySettings, *graphs: ViewGraph) -> NetworkShape:
     )
 
 
-def build_actors(config: RunConfig, worlds: Sequence[Recording], device: str) -> MakeActors:
+def build_actors(config: RunConfig, worlds: Sequence[OpenWorld], device: str) -> MakeActors:
     """Who plays the training episodes of a config's worlds."""
     settings, frames = config.train, config.policy.frames
     if settings.actors == "resident":

@@ -12,7 +12,7 @@ from activelsd.console import progress
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import RunError
-from activelsd.evaluate import files
+from activelsd.evaluate import result_files
 from activelsd.evaluate.baselines import check_baseline
 from activelsd.evaluate.compare import Comparison, Entrant, compare
 from activelsd.policy.checkpoint import load_network
@@ -88,7 +88,9 @@ def _play(
                 progress=show,
             )
         comparisons.append(comparison)
-        written += files.write(comparison, runs[0].folder, stem if len(playing) == 1 else f"{stem}_{world}")
+        written += result_files.write(
+            comparison, runs[0].folder, stem if len(playing) == 1 else f"{stem}_{world}"
+        )
     return comparisons, written
 
 

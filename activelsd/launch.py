@@ -20,7 +20,7 @@ from activelsd.compose import change, load
 from activelsd.config import RunConfig, World, dump
 from activelsd.console import notice, progress
 from activelsd.envs.graphenv import tree_of
-from activelsd.envs.joint import Recording, union
+from activelsd.envs.joint import OpenWorld, union
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import ConfigError, RunError, UserError
 from activelsd.evaluate.compare import measure
@@ -44,7 +44,7 @@ def open_graph(settings: World) -> ViewGraph:
         return build_graph(settings, show)
 
 
-def open_worlds(config: RunConfig, group: Group = ALONE) -> list[Recording]:
+def open_worlds(config: RunConfig, group: Group = ALONE) -> list[OpenWorld]:
     """Every world of a config, to play; the first process of a group prepares what is not prepared yet."""
     if group.rank > 0:
         group.wait()
@@ -103,7 +103,7 @@ def _device(config: RunConfig) -> str:
     return device
 
 
-def _train(config: RunConfig, run: Run, worlds: Sequence[Recording], device: str, group: Group) -> Path:
+def _train(config: RunConfig, run: Run, worlds: Sequence[OpenWorld], device: str, group: Group) -> Path:
     stand_ins = [world.backend for world in worlds if world.backend in STAND_INS]
     if group.rank == 0:
         notice(f"Training {run.folder}" + "".join(f" on {backend}, a stand-in" for backend in stand_ins))
@@ -135,7 +135,7 @@ def _train(config: RunConfig, run: Run, worlds: Sequence[Recording], device: str
     return run.folder
 
 
-def _look(network: LSDNet, worlds: Sequence[Recording], device: str, *, alone: bool) -> dict[str, float]:
+def _look(network: LSDNet, worlds: Sequence[OpenWorld], device: str, *, alone: bool) -> dict[str, float]:
     """A network measured in every world; of several, each figure stands below its world's name."""
     figures: dict[str, float] = {}
     for name, graph, rules, backend in worlds:

@@ -21,7 +21,7 @@ from sleeper import ID, Sleeper, graph
 
 from activelsd.envs.graphenv import tree_of
 from activelsd.policy.lsdnet import NetworkShape
-from activelsd.train.actors.ga3c.actors import GA3CActors
+from activelsd.train.actors.ga3c.ga3c_actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
 from activelsd.train.run import Run
 from activelsd.train.settings import GA3CSettings, TrainSettings

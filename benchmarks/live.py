@@ -23,7 +23,7 @@ from activelsd.build import build_actors, build_shape
 from activelsd.compose import resolve
 from activelsd.config import RunConfig
 from activelsd.envs.graphenv import tree_of
-from activelsd.envs.joint import Recording, play_recordings
+from activelsd.envs.joint import OpenWorld, play_recordings
 from activelsd.launch import open_worlds
 from activelsd.train.run import Run
 from activelsd.train.statistics import Statistics
@@ -32,11 +32,11 @@ from activelsd.train.trainer import Trainer, new_network
 WARM = 2_000
 """Steps before anything is measured."""
 
-Kind = Callable[[RunConfig, Recording], AbstractContextManager[Callable[[], int]]]
+Kind = Callable[[RunConfig, OpenWorld], AbstractContextManager[Callable[[], int]]]
 
 
 @contextmanager
-def bare(config: RunConfig, world: Recording) -> Iterator[Callable[[], int]]:
+def bare(config: RunConfig, world: OpenWorld) -> Iterator[Callable[[], int]]:
     """Acts on a batch of views and learns from it, over and over; the steps that it stands for."""
     shape = build_shape(config.policy, world.graph)
     network = new_network(tree_of(world.graph), shape, 0)
@@ -59,7 +59,7 @@ def bare(config: RunConfig, world: Recording) -> Iterator[Callable[[], int]]:
 
 
 @contextmanager
-def trained(config: RunConfig, world: Recording) -> Iterator[Callable[[], int]]:
+def trained(config: RunConfig, world: OpenWorld) -> Iterator[Callable[[], int]]:
     """The trainer with all it does; the steps of an update."""
     shape, sums = build_shape(config.policy, world.graph), Statistics()
     with tempfile.TemporaryDirectory() as folder:

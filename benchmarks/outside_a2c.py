@@ -22,7 +22,7 @@ from torch import Tensor, nn
 
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.policy.lsdnet import NetworkShape
-from activelsd.policy.trunk import make_trunk
+from activelsd.policy.trunks import make_trunk
 from activelsd.train.settings import TrainSettings
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/rooms.py --size 84 --triangles 100000
 
-Without a folder of meshes the embedded furniture's triangles are halved until there are enough of them. The
+The embedded furniture's triangles are halved until there are enough of them. The
 time is the process's own, so that whatever else runs on the machine counts little.
 """
 
@@ -11,18 +11,17 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from trimesh.remesh import subdivide
 
-from activelsd.envs.modelnet.meshes import Mesh
-from activelsd.envs.rooms.lattice import draw_lattice
-from activelsd.envs.rooms.layout import Placed, Room, furnish, set_out
-from activelsd.envs.rooms.library import Embedded, MeshFolder
-from activelsd.envs.rooms.models import Model
-from activelsd.envs.rooms.renderer import Camera, RoomRenderer
-from activelsd.envs.rooms.smallthings import KINDS, small_thing
+from activelsd.scenery.meshes import Mesh
+from activelsd.scenery.rooms.floor_grid import draw_floor_grid
+from activelsd.scenery.rooms.layout import Placed, Room, furnish, set_out
+from activelsd.scenery.rooms.library import Embedded
+from activelsd.scenery.rooms.models import Model
+from activelsd.scenery.rooms.room_renderer import Camera, RoomRenderer
+from activelsd.scenery.rooms.smallthings import KINDS, small_thing
 
 
 def finer(placed: Placed) -> Placed:
@@ -57,14 +56,12 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=84, help="side of the pictures in pixels")
     parser.add_argument("--triangles", type=int, default=100_000)
     parser.add_argument("--frames", type=int, default=600)
-    parser.add_argument("--meshes", type=Path, help="folder of furniture in ModelNet's layout")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
 
-    library = Embedded() if args.meshes is None else MeshFolder(args.meshes)
     small = [small_thing(KINDS[i % len(KINDS)], i) for i in range(20)]
-    room = detailed(set_out(furnish(library, args.seed), small, args.seed), args.triangles)
-    points = draw_lattice(room, step=0.3, radius=0.2).points
+    room = detailed(set_out(furnish(Embedded(), args.seed), small, args.seed), args.triangles)
+    points = draw_floor_grid(room, step=0.3, radius=0.2).points
     rng = np.random.default_rng(args.seed)
     for shadows in (True, False):
         renderer = RoomRenderer(room, shadows=shadows)

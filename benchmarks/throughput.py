@@ -32,13 +32,13 @@ from rates import MakeStep, Rate, Step, in_processes, in_turns
 
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import OpenWorld
 from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.policy.lsdnet import NetworkShape
-from activelsd.train.actors.ga3c.actors import GA3CActors
+from activelsd.train.actors.ga3c.ga3c_actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
-from activelsd.train.actors.protocol import MakeActors
+from activelsd.train.actors.interface import MakeActors
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.cudagraph import WARM_UPS, warm_up
 from activelsd.train.run import Run
@@ -141,7 +141,7 @@ def trainer(
 ) -> Iterator[Step]:
     """An update of the trainer."""
     if actors == "resident":
-        world = Recording("modelnet", graph(), PRESETS["V4"])
+        world = OpenWorld("modelnet", graph(), PRESETS["V4"])
         crew = on_recordings([world], settings, frames=shape.frames, device=device)
     else:
         crew = ga3c(shape, settings, actors, agents)

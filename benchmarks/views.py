@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from activelsd.envs.modelnet.renderer import render_views
-from activelsd.envs.modelnet.shapes import CATEGORIES, make_shape
-from activelsd.policy.trunk import Compact
+from activelsd.policy.trunks import Compact
+from activelsd.scenery.orbit_renderer import render_views
+from activelsd.scenery.shapes import CATEGORIES, make_shape
 
 AZIMUTHS = 12
 ELEVATION = 30.0

@@ -20,11 +20,11 @@ import torch
 
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import tree_of
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import OpenWorld
 from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.policy.lsdnet import NetworkShape
-from activelsd.train.actors.protocol import MakeActors
-from activelsd.train.actors.ray.actors import RayActors
+from activelsd.train.actors.interface import MakeActors
+from activelsd.train.actors.ray.ray_actors import RayActors
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.run import Run
 from activelsd.train.settings import RaySettings, TrainSettings
@@ -34,9 +34,9 @@ from activelsd.train.trainer import Trainer
 WORLD: dict[str, Any] = {"train_per_class": 20, "test_per_class": 2}
 
 
-def worlds() -> list[Recording]:
+def worlds() -> list[OpenWorld]:
     """What is played."""
-    return [Recording("modelnet", modelnet_graph(**WORLD), PRESETS["V4"])]
+    return [OpenWorld("modelnet", modelnet_graph(**WORLD), PRESETS["V4"])]
 
 
 def measure(workers: int, seconds: float) -> tuple[float, dict[str, float]]:

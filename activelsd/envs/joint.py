@@ -15,7 +15,7 @@ from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
 
 
-class Recording(NamedTuple):
+class OpenWorld(NamedTuple):
     """A world to play: its recorded views and the rules there."""
 
     name: str
@@ -157,7 +157,7 @@ def shares(num_envs: int, worlds: int) -> list[int]:
 
 
 def play_recordings(
-    worlds: Sequence[Recording], *, num_envs: int, frames: int, device: str | torch.device = "cpu"
+    worlds: Sequence[OpenWorld], *, num_envs: int, frames: int, device: str | torch.device = "cpu"
 ) -> ViewGraphVectorEnv | JointVectorEnv:
     """Environments of the training split: of one world alone, or of several with as even a share each.
 

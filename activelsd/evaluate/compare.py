@@ -14,7 +14,7 @@ from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, RunError
 from activelsd.evaluate.baselines import make_baseline
 from activelsd.evaluate.metrics import (
-    Group,
+    EpisodeGroup,
     Interval,
     Scores,
     by_allowed,
@@ -85,10 +85,10 @@ class Standing:
     views_right: float | None
     forced: float
     spl: Interval | None
-    difficulties: list[Group]
-    classes: list[Group]
-    seen: list[Group]
-    allowed: list[Group]
+    difficulties: list[EpisodeGroup]
+    classes: list[EpisodeGroup]
+    seen: list[EpisodeGroup]
+    allowed: list[EpisodeGroup]
 
 
 @dataclass(frozen=True, kw_only=True)

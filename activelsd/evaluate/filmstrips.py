@@ -45,7 +45,7 @@ class Filmstrip(NamedTuple):
     plan: Plan | None  # where the scene's views have poses
 
 
-class Place(NamedTuple):
+class GroundPosition(NamedTuple):
     """Where a picture lies in a panel, as fractions of it."""
 
     x: float  # left
@@ -134,11 +134,13 @@ def draw_filmstrips(panel: SubFigure, strips: Sequence[Filmstrip], player: str) 
     down = _HIGH / max(len(strips), 4)
     side = min(across * 0.70 * inches[0], down * 0.76 * inches[1])
     for i, strip in enumerate(strips):
-        place = Place(_MARGIN, _TOP - i * down - side / inches[1], side / inches[0], side / inches[1])
+        place = GroundPosition(
+            _MARGIN, _TOP - i * down - side / inches[1], side / inches[0], side / inches[1]
+        )
         _draw_strip(panel, strip, place, across)
 
 
-def _draw_strip(panel: SubFigure, strip: Filmstrip, place: Place, across: float) -> None:
+def _draw_strip(panel: SubFigure, strip: Filmstrip, place: GroundPosition, across: float) -> None:
     """Views from left to right, a move's name between two, the answer behind the last."""
     row = strip.row
     middle = place.y + place.height / 2

@@ -37,7 +37,7 @@ class Scores(NamedTuple):
         return np.stack([self.right, self.views, self.steps], 1).astype(np.float64)
 
 
-class Group(NamedTuple):
+class EpisodeGroup(NamedTuple):
     """Episodes that have something in common."""
 
     name: str
@@ -160,7 +160,7 @@ def path_lengths(rows: Sequence[EpisodeRow], *, seed: int) -> Interval | None:
     return intervals(np.array(shares)[:, None], objects, seed=seed)[0]
 
 
-def by_difficulty(rows: Sequence[EpisodeRow], names: Sequence[str] | None = None) -> list[Group]:
+def by_difficulty(rows: Sequence[EpisodeRow], names: Sequence[str] | None = None) -> list[EpisodeGroup]:
     """Episodes by the difficulty of their first view, easiest first; none where it is not graded.
 
     Args:
@@ -172,18 +172,18 @@ def by_difficulty(rows: Sequence[EpisodeRow], names: Sequence[str] | None = None
     return _groups({name: [row for row in rows if row.difficulty == name] for name in order})
 
 
-def by_class(rows: Sequence[EpisodeRow]) -> list[Group]:
+def by_class(rows: Sequence[EpisodeRow]) -> list[EpisodeGroup]:
     """Episodes by label, in order of name."""
     names = sorted({row.label for row in rows})
     return _groups({name: [row for row in rows if row.label == name] for name in names})
 
 
-def by_views(rows: Sequence[EpisodeRow], max_views: int) -> list[Group]:
+def by_views(rows: Sequence[EpisodeRow], max_views: int) -> list[EpisodeGroup]:
     """Episodes by views seen, 1 … T (the paper's Table 3)."""
     return _groups({str(n): [row for row in rows if row.views == n] for n in range(1, max_views + 1)})
 
 
-def by_allowed(rows: Sequence[EpisodeRow], max_views: int) -> list[Group]:
+def by_allowed(rows: Sequence[EpisodeRow], max_views: int) -> list[EpisodeGroup]:
     """The same episodes had only 1 … T views been allowed.
 
     Exact without playing again: up to its last view an episode goes as it would with more allowed, and there
@@ -193,13 +193,13 @@ def by_allowed(rows: Sequence[EpisodeRow], max_views: int) -> list[Group]:
     for allowed in range(1, max_views + 1):
         views = [min(row.views, allowed) for row in rows]
         right = sum(row.answers[n - 1] == row.label for row, n in zip(rows, views, strict=True))
-        groups.append(Group(str(allowed), len(rows), right, float(np.mean(views))))
+        groups.append(EpisodeGroup(str(allowed), len(rows), right, float(np.mean(views))))
     return groups
 
 
-def _groups(rows: dict[str, list[EpisodeRow]]) -> list[Group]:
+def _groups(rows: dict[str, list[EpisodeRow]]) -> list[EpisodeGroup]:
     return [
-        Group(
+        EpisodeGroup(
             name,
             len(some),
             sum(row.right for row in some),

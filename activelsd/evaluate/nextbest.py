@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from activelsd.envs.actions import NAVIGATE
-from activelsd.envs.avd.starts import Scores
+from activelsd.envs.avd.starts import BoxScores
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.evaluate.metrics import by_allowed
 from activelsd.evaluate.players import Draws, Trained
@@ -88,7 +88,7 @@ def recognise(
     *,
     device: str = "cpu",
     progress: Callable[[int, int], None] | None = None,
-) -> Scores:
+) -> BoxScores:
     """Look once at every pair of a view and a target in it, as an episode that starts there would."""
     assert graph.pair_of is not None
     assert graph.boxes is not None
@@ -116,7 +116,7 @@ def recognise(
         right[pair[some]] = best.indices.cpu().numpy() == graph.labels[target[some]]
         if progress is not None:
             progress(min(begin + _BATCH, len(view)), len(view))
-    return Scores(score, right)
+    return BoxScores(score, right)
 
 
 def after_moves(rows: Sequence[EpisodeRow], moves: Sequence[int] = MOVES_ALLOWED) -> list[float]:

@@ -13,8 +13,8 @@ from torch.nn import functional
 from activelsd.envs.actions import CLASSIFY, ActionTree
 from activelsd.errors import ConfigError
 from activelsd.policy.heads import ActionDistribution, Epsilon, FlatCategorical, TreeCategorical
-from activelsd.policy.memory import make_memory
-from activelsd.policy.trunk import Compact, as_input, make_trunk
+from activelsd.policy.memories import make_memory
+from activelsd.policy.trunks import Compact, as_input, make_trunk
 
 
 @dataclass(frozen=True, kw_only=True)

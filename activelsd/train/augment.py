@@ -23,7 +23,7 @@ CONTRAST, BRIGHTNESS = 0.8, 0.25
 
 _OPPOSITE = {"left": "right", "right": "left", "cw": "ccw", "ccw": "cw"}
 
-WAYS = 8
+VARIATION_SIZE = 8
 """Numbers that say how an episode varies: extent, squeeze (2), shift (2), contrast, brightness, mirror."""
 
 
@@ -78,7 +78,7 @@ class Variation:
         self.varies = crops or self._mirrors
 
     def ways(self, ways: Tensor, first: Tensor, generator: torch.Generator) -> Tensor:
-        """How B episodes vary, (B, WAYS) in [0, 1): drawn where `first` (B,) begins one, else as before."""
+        """(B, VARIATION_SIZE) in [0, 1): drawn anew where `first` (B,) begins an episode, else kept."""
         if not self.varies:
             return ways
         fresh = torch.rand(ways.shape, generator=generator, device=ways.device)

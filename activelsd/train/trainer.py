@@ -18,7 +18,7 @@ from activelsd.errors import ConfigError, RunError, TrainingError
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
-from activelsd.train.actors.protocol import MakeActors
+from activelsd.train.actors.interface import MakeActors
 from activelsd.train.actors.resident import ResidentActors
 from activelsd.train.cudagraph import GraphedUpdate
 from activelsd.train.learner import Learner

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from activelsd.envs.actions import ActionTree
 from activelsd.envs.episode import PRESETS
-from activelsd.envs.joint import JointVectorEnv, Recording, play_recordings, union
+from activelsd.envs.joint import JointVectorEnv, OpenWorld, play_recordings, union
 from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, DataError
@@ -163,8 +163,8 @@ def test_nothing_waits_for_the_device() -> None:
         assert env.advance(torch.zeros(6, dtype=torch.int64, device="meta")).reward.shape == (6,)
 
 
-def recordings(*graphs: ViewGraph) -> list[Recording]:
-    return [Recording(f"world_{i}", graph, PRESETS["V4"]) for i, graph in enumerate(graphs)]
+def recordings(*graphs: ViewGraph) -> list[OpenWorld]:
+    return [OpenWorld(f"world_{i}", graph, PRESETS["V4"]) for i, graph in enumerate(graphs)]
 
 
 def test_environments_are_shared_out_evenly_and_one_world_stays_as_it_is() -> None:

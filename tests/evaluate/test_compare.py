@@ -15,7 +15,7 @@ import pytest
 from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, DataError, RunError
-from activelsd.evaluate import files
+from activelsd.evaluate import result_files
 from activelsd.evaluate.compare import Comparison, Entrant, assemble, compare, measure
 from activelsd.evaluate.figure import draw
 from activelsd.evaluate.filmstrips import choose, filmstrip
@@ -43,7 +43,7 @@ def comparison() -> Comparison:
 @pytest.fixture(scope="module")
 def folder(comparison: Comparison, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run") / "new"
-    files.write(comparison, folder)
+    result_files.write(comparison, folder)
     return folder
 
 
@@ -154,12 +154,12 @@ def test_files_come_whole_or_not_at_all(
     with monkeypatch.context() as patch:
         patch.setattr("activelsd.evaluate.figure.draw", broken)
         with pytest.raises(RuntimeError, match="no picture"):
-            files.write(comparison, tmp_path)
+            result_files.write(comparison, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["comparison.json"]
     assert (tmp_path / "comparison.json").read_text() == "earlier"
-    written = files.write(comparison, tmp_path)
+    written = result_files.write(comparison, tmp_path)
     assert json.loads((tmp_path / "comparison.json").read_text())["players"]
-    written += files.write(comparison, tmp_path, "evaluation")
+    written += result_files.write(comparison, tmp_path, "evaluation")
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in written)
     assert {path.name for path in written} >= {
         "episodes.jsonl",
@@ -173,7 +173,7 @@ def test_the_same_is_said_twice(comparison: Comparison) -> None:
     again = compare(
         [entrant()], ALL, seed=3, batch=11, progress=lambda done, total: told.append((done, total))
     )
-    assert files.as_json(again) == files.as_json(comparison)
+    assert result_files.as_json(again) == result_files.as_json(comparison)
     assert told == sorted(told)
     assert told[-1] == (5 * 54, 5 * 54)
     assert draw(again) == draw(comparison)
@@ -255,12 +255,12 @@ def test_the_table_says_how_far_the_way_is_gone() -> None:
     assert one.gain_closed is not None
     assert one.gain_closed.mean == pytest.approx(8 / 9)
     assert "trained goes 89 % of the way from no_move's accuracy to all_views' [" in text(one)
-    assert files.as_json(one)["gain_closed"] == one.gain_closed.mean
+    assert result_files.as_json(one)["gain_closed"] == one.gain_closed.mean
     alone = assemble(
         {"trained": played["trained"]}, {"trained": 12}, GRAPH, split="test", per_object=None, seed=0
     )
     assert "of the way" not in text(alone)
-    assert files.as_json(alone)["gain_closed"] is None
+    assert result_files.as_json(alone)["gain_closed"] is None
 
 
 def episodes() -> list[EpisodeRow]:

@@ -7,7 +7,7 @@ import pytest
 
 from activelsd.evaluate import metrics
 from activelsd.evaluate.metrics import (
-    Group,
+    EpisodeGroup,
     by_allowed,
     by_class,
     by_difficulty,
@@ -38,18 +38,18 @@ def test_a_wrong_answer_counts_all_views() -> None:
 
 
 def test_groups_by_hand() -> None:
-    assert by_class(ROWS) == [Group("cup", 2, 2, 2.0), Group("door", 2, 1, 1.5)]
+    assert by_class(ROWS) == [EpisodeGroup("cup", 2, 2, 2.0), EpisodeGroup("door", 2, 1, 1.5)]
     assert by_views(ROWS, 4) == [
-        Group("1", 2, 2, 1.0),
-        Group("2", 1, 0, 2.0),
-        Group("3", 1, 1, 3.0),
-        Group("4", 0, 0, 0.0),
+        EpisodeGroup("1", 2, 2, 1.0),
+        EpisodeGroup("2", 1, 0, 2.0),
+        EpisodeGroup("3", 1, 1, 3.0),
+        EpisodeGroup("4", 0, 0, 0.0),
     ]
     assert by_allowed(ROWS, 4) == [
-        Group("1", 4, 4, 1.0),
-        Group("2", 4, 2, 1.5),
-        Group("3", 4, 3, 1.75),
-        Group("4", 4, 3, 1.75),
+        EpisodeGroup("1", 4, 4, 1.0),
+        EpisodeGroup("2", 4, 2, 1.5),
+        EpisodeGroup("3", 4, 3, 1.75),
+        EpisodeGroup("4", 4, 3, 1.75),
     ]
 
 
@@ -156,9 +156,9 @@ def test_difficulties_stand_in_their_order() -> None:
     rows += [row(difficulty="moderate", right=False, views=3), row(difficulty=None)]
     names = ("easy", "moderate", "hard")
     assert by_difficulty(rows, names) == [
-        Group("easy", 1, 1, 2.0),
-        Group("moderate", 1, 0, 3.0),
-        Group("hard", 2, 2, 2.0),
+        EpisodeGroup("easy", 1, 1, 2.0),
+        EpisodeGroup("moderate", 1, 0, 3.0),
+        EpisodeGroup("hard", 2, 2, 2.0),
     ]
     assert [group.name for group in by_difficulty([row(difficulty="3"), row(difficulty="1")])] == ["1", "3"]
     assert by_difficulty(ROWS) == []

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from activelsd.envs.avd.starts import Scores, starts_by_score
+from activelsd.envs.avd.starts import BoxScores, starts_by_score
 from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.oracle import shows_well
 from activelsd.envs.viewgraph import ViewGraph
@@ -229,9 +229,9 @@ def test_starts_by_score_are_unsure_views_of_targets_that_are_named_both_ways() 
     n = len(ROOM.boxes) if ROOM.boxes is not None else 0
     score, right = np.linspace(0, 1, n, dtype=np.float32), np.arange(n) % 2 == 0
     both = replace(ROOM, start_split=np.arange(len(ROOM.start_view), dtype=np.uint8) % 3)
-    found = starts_by_score(both, Scores(score, right), 0.9)
+    found = starts_by_score(both, BoxScores(score, right), 0.9)
     assert found.pair_of is not None
     pairs = found.pair_of[found.start_view, found.start_target]
     assert sorted(pairs.tolist()) == [pair for pair in range(n) if score[pair] < 0.9]
     for all_alike in (np.ones(n, bool), np.zeros(n, bool)):
-        assert not len(starts_by_score(both, Scores(score, all_alike), 0.9).start_view)
+        assert not len(starts_by_score(both, BoxScores(score, all_alike), 0.9).start_view)

@@ -14,7 +14,7 @@ from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.evaluate.protocol import EpisodeRow, Player
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
-from activelsd.policy.memory import LSTM
+from activelsd.policy.memories import LSTM
 
 CLASSES = ("cup", "door", "night_stand")
 RULES = EpisodeRules(max_views=6)

@@ -13,7 +13,7 @@ from activelsd.envs.actions import ActionTree
 from activelsd.errors import ConfigError, RunError
 from activelsd.policy.checkpoint import MEANING, WEIGHTS, load_network, save_network
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
-from activelsd.policy.trunk import AlexNet, Blocks, as_input
+from activelsd.policy.trunks import AlexNet, Blocks, as_input
 
 TREE = ActionTree.answer_or_move(["a", "b", "c"], ["left", "right"])
 

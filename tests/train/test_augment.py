@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from activelsd.envs.actions import ActionTree
-from activelsd.train.augment import WAYS, Variation, kept
+from activelsd.train.augment import VARIATION_SIZE, Variation, kept
 
 TREE = ActionTree.answer_or_move(("cup", "vase"), ("forward", "orbit_cw_60", "orbit_ccw_60", "left", "right"))
 BEGIN, GO_ON = torch.ones(6, dtype=torch.bool), torch.zeros(6, dtype=torch.bool)
@@ -18,7 +18,7 @@ def variation(tree: ActionTree = TREE, *, crops: bool = True, mirror: bool = Fal
 
 
 def ways(seed: int = 0) -> Tensor:
-    return torch.rand(6, WAYS, generator=torch.Generator().manual_seed(seed))
+    return torch.rand(6, VARIATION_SIZE, generator=torch.Generator().manual_seed(seed))
 
 
 def observed() -> dict[str, Tensor]:
@@ -51,7 +51,7 @@ def test_crops_vary_and_nothing_else_does() -> None:
 def test_an_episode_varies_in_one_way() -> None:
     """Else a blocked move would be worth a second look at what is the same view."""
     some, generator = variation(), torch.Generator().manual_seed(0)
-    before = some.ways(torch.zeros(6, WAYS), BEGIN, generator)
+    before = some.ways(torch.zeros(6, VARIATION_SIZE), BEGIN, generator)
     assert torch.equal(some.ways(before, GO_ON, generator), before)
     ended = torch.tensor([True, False, False, False, False, True])
     after = some.ways(before, ended, generator)

@@ -12,11 +12,11 @@ import torch
 
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
-from activelsd.envs.joint import Recording, union
+from activelsd.envs.joint import OpenWorld, union
 from activelsd.errors import ConfigError
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import NetworkShape
-from activelsd.train.actors.ga3c.actors import GA3CActors
+from activelsd.train.actors.ga3c.ga3c_actors import GA3CActors
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.cudagraph import WARM_UPS, GraphedUpdate
 from activelsd.train.parallel import ALONE, Group
@@ -26,8 +26,8 @@ from activelsd.train.statistics import Counts, Statistics
 from activelsd.train.trainer import Trainer
 from tests.graphs import ring_graph, room_graph
 
-RINGS = [Recording("rings", ring_graph(), PRESETS["V0"])]
-ROOMS = [Recording("rooms", room_graph(size=16), PRESETS["V4"])]
+RINGS = [OpenWorld("rings", ring_graph(), PRESETS["V0"])]
+ROOMS = [OpenWorld("rooms", room_graph(size=16), PRESETS["V4"])]
 WORLDS = {"rings": RINGS, "rooms": ROOMS}
 COMPILED = pytest.mark.skipif(shutil.which("c++") is None, reason="torch.compile needs a C++ compiler")
 pytestmark = [  # of PyTorch about itself
@@ -40,7 +40,7 @@ RICH = {"mirror": True, "dropout": 0.5, "guided": 0.5}
 
 def trainer(
     folder: Path,
-    worlds: list[Recording],
+    worlds: list[OpenWorld],
     device: str,
     *,
     resume: bool = False,
@@ -65,7 +65,7 @@ def updates(made: Trainer, number: int) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("worlds", [RINGS, ROOMS, RINGS + ROOMS], ids=["rings", "rooms", "both"])
-def test_an_update_in_place_is_the_update(tmp_path: Path, worlds: list[Recording]) -> None:
+def test_an_update_in_place_is_the_update(tmp_path: Path, worlds: list[OpenWorld]) -> None:
     """What a graph repeats, with what a CPU has: the same places for episodes, other numbers each time."""
     plain, placed = (trainer(tmp_path / name, worlds, "cpu", **RICH) for name in ("plain", "placed"))
     repeated = GraphedUpdate(_with_numbers(placed), placed.actors, torch.device("cpu"))  # type: ignore[arg-type]
@@ -167,7 +167,7 @@ def test_a_run_of_graphs_resumes(tmp_path: Path, changed: dict[str, Any]) -> Non
 @pytest.mark.gpu
 def test_graphs_learn_to_look_before_they_answer(tmp_path: Path) -> None:
     """A world whose class shows on 3 of 12 views: answering well means walking there first."""
-    world = Recording("rings", ring_graph(objects=12, classes=3, telling=(3, 4, 5)), PRESETS["V4"])
+    world = OpenWorld("rings", ring_graph(objects=12, classes=3, telling=(3, 4, 5)), PRESETS["V4"])
     made = trainer(tmp_path, [world], "cuda", steps=60_000, envs=32, log_every=5_000)
     made.train()
     last = json.loads((made.run.folder / "metrics.jsonl").read_text().splitlines()[-1])

@@ -12,7 +12,7 @@ import torch
 
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import tree_of
-from activelsd.envs.joint import Recording, union
+from activelsd.envs.joint import OpenWorld, union
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import RunError
 from activelsd.evaluate.compare import measure
@@ -38,7 +38,7 @@ def trainer(
 ) -> Trainer:
     settings = {"steps": 960, "envs": 9, "length": 4, "log_every": 72, "checkpoint_every": 480, "loggers": []}
     worlds = [
-        Recording(name, graph, PRESETS["V4"]) for name, graph in zip(("rings", "rooms"), graphs, strict=False)
+        OpenWorld(name, graph, PRESETS["V4"]) for name, graph in zip(("rings", "rooms"), graphs, strict=False)
     ]
     shape = NetworkShape(size=16, features=features, crops=any(graph.crops is not None for graph in graphs))
     chosen = TrainSettings(**(settings | changed))  # type: ignore[arg-type]

@@ -18,7 +18,7 @@ import torch
 
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import tree_of
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import OpenWorld
 from activelsd.errors import RunError, TrainingError
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.heads import Epsilon
@@ -47,7 +47,7 @@ def trainer(
         tree_of(graph),
         NetworkShape(memory=memory, size=graph.size, features=32, frames=frames),
         chosen,
-        on_recordings([Recording("rings", graph, PRESETS["V4"])], chosen, frames=frames, device=device),
+        on_recordings([OpenWorld("rings", graph, PRESETS["V4"])], chosen, frames=frames, device=device),
         seed=seed,
         device=device,
         resume=resume,
@@ -211,7 +211,7 @@ def test_it_learns_to_look_before_it_answers(tmp_path: Path) -> None:
     run = new_run(tmp_path)
     settings = TrainSettings(steps=60_000, envs=32, learning_rate=2e-3, log_every=5_000, loggers=[])
     shape = NetworkShape(size=graph.size, features=64)
-    actors = on_recordings([Recording("rings", graph, PRESETS["V4"])], settings, frames=1)
+    actors = on_recordings([OpenWorld("rings", graph, PRESETS["V4"])], settings, frames=1)
     Trainer(run, tree_of(graph), shape, settings, actors, seed=0).train()
     last = json.loads((run.folder / "metrics.jsonl").read_text().splitlines()[-1])
     assert last["accuracy"] > 0.9  # from the first view no more than 1/4 + 3/4 * 1/3 = 0.5

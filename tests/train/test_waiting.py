@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
 from activelsd.envs.episode import PRESETS
-from activelsd.envs.joint import Recording, play_recordings
+from activelsd.envs.joint import OpenWorld, play_recordings
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
 from activelsd.train.actors.resident import ResidentActors
@@ -24,8 +24,8 @@ from activelsd.train.statistics import Statistics, counts
 from tests.graphs import ring_graph, room_graph
 
 WORLDS = {
-    "rings": [Recording("rings", ring_graph(), PRESETS["V0"])],
-    "rooms": [Recording("rooms", room_graph(size=16), PRESETS["V4"])],
+    "rings": [OpenWorld("rings", ring_graph(), PRESETS["V0"])],
+    "rooms": [OpenWorld("rooms", room_graph(size=16), PRESETS["V4"])],
 }
 WORLDS["both"] = WORLDS["rings"] + WORLDS["rooms"]
 

@@ -19,7 +19,7 @@ from activelsd.envs.cache import default_cache
 from activelsd.envs.episode import EpisodeRules, as_rules
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.oracle import with_oracle
-from activelsd.envs.starts import check_starts, frozen_list
+from activelsd.envs.start_filters import check_starts, frozen_list
 from activelsd.envs.viewgraph import ViewGraph, load_graph
 from activelsd.errors import ConfigError, did_you_mean
 

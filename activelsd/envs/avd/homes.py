@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd.envs.rooms.lattice import Lattice, draw_lattice
-from activelsd.envs.rooms.layout import Room, furnish, set_out
-from activelsd.envs.rooms.library import Embedded
-from activelsd.envs.rooms.models import Model
-from activelsd.envs.rooms.renderer import Camera, Picture, RoomRenderer
-from activelsd.envs.rooms.smallthings import KINDS, small_thing
 from activelsd.errors import ConfigError
+from activelsd.scenery.rooms.floor_grid import FloorGrid, draw_floor_grid
+from activelsd.scenery.rooms.layout import Room, furnish, set_out
+from activelsd.scenery.rooms.library import Embedded
+from activelsd.scenery.rooms.models import Model
+from activelsd.scenery.rooms.room_renderer import Camera, Picture, RoomRenderer
+from activelsd.scenery.rooms.smallthings import KINDS, small_thing
 
 DEFAULT_SCANS: tuple[str, ...] = tuple(f"Home_{home:03d}_1" for home in range(1, 21))
 """Small homes, and many: with few an agent learns by heart where in them each instance stands."""
@@ -51,7 +51,7 @@ _SCAN = re.compile(r"(Home|Office|Gen)_(\d{3})_([1-9])")
 _PLACES = ("Home", "Office", "Gen")
 
 
-class Scan(NamedTuple):
+class ScanName(NamedTuple):
     """A scan's name, taken apart."""
 
     place: int  # 0 Home, 1 Office, 2 Gen
@@ -68,7 +68,7 @@ class Scan(NamedTuple):
         return f"{self.place}{self.scene:03d}{self.scan}{index:06d}01{kind}"
 
 
-def parsed(name: str) -> Scan:
+def parsed(name: str) -> ScanName:
     """The parts of a scan's name.
 
     Raises:
@@ -77,7 +77,7 @@ def parsed(name: str) -> Scan:
     found = _SCAN.fullmatch(name)
     if found is None:
         raise ConfigError(f"'{name}' cannot be a scan; scans are named like Home_001_1 or Office_001_1.")
-    return Scan(_PLACES.index(found[1]), int(found[2]), int(found[3]))
+    return ScanName(_PLACES.index(found[1]), int(found[2]), int(found[3]))
 
 
 class Home:
@@ -96,7 +96,7 @@ class Home:
         home = (seed, scan.place, scan.scene)
         small = _instances(scan) + _clutter((*home, scan.scan))
         self.room: Room = set_out(_furnished(home), small, (*home, scan.scan))
-        self.lattice: Lattice = draw_lattice(self.room, step=_STEP, radius=_RADIUS)
+        self.lattice: FloorGrid = draw_floor_grid(self.room, step=_STEP, radius=_RADIUS)
         names = [thing.model.name for thing in self.room.things]
         ids = [INSTANCES.index(name) + 1 if name in INSTANCES else 0 for name in names]
         self.instance_of: NDArray[np.int32] = np.array([*ids, 0], np.int32)
@@ -140,12 +140,12 @@ def _furnished(home: tuple[int, ...]) -> Room:
     """The first room of a home's seeds that leaves as many points as a small recorded home has."""
     for attempt in itertools.count():
         room = furnish(Embedded(), (*home, attempt))
-        if _FREE[0] <= len(draw_lattice(room, step=_STEP, radius=_RADIUS).points) <= _FREE[1]:
+        if _FREE[0] <= len(draw_floor_grid(room, step=_STEP, radius=_RADIUS).points) <= _FREE[1]:
             return room
     raise AssertionError
 
 
-def _instances(scan: Scan) -> list[Model]:
+def _instances(scan: ScanName) -> list[Model]:
     """Those that stand in a scan: another of the same home goes on where the first ends."""
     first = _STRIDE * scan.scene + _STANDING * (scan.scan - 1) + scan.place
     things = [(kind, number) for kind, count in _COUNTS.items() for number in range(count)]

@@ -29,7 +29,7 @@ from activelsd.envs.avd.scan import (
 )
 from activelsd.envs.cache import CacheError, PartialGraph, cache_file, make_once
 from activelsd.envs.cores import cores
-from activelsd.envs.pictures import cut_out, squashed
+from activelsd.envs.crops import cut_out, squashed
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import DataError
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from activelsd.envs.avd.splits import Split, validates
 from activelsd.envs.oracle import shows_well
-from activelsd.envs.starts import kept
+from activelsd.envs.start_filters import kept
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import DataError
 
 COLUMNS = ("scene", "view", "target", "score", "right")
 
 
-class Scores(NamedTuple):
+class BoxScores(NamedTuple):
     """What a recogniser makes of every box's crop."""
 
     score: NDArray[np.float32]  # (P,) its probability of the class it names
@@ -85,7 +85,7 @@ def _split_of_target(graph: ViewGraph, split: Split) -> NDArray[np.int64]:
     return found
 
 
-def starts_by_score(graph: ViewGraph, scores: Scores, threshold: float = 0.9) -> ViewGraph:
+def starts_by_score(graph: ViewGraph, scores: BoxScores, threshold: float = 0.9) -> ViewGraph:
     """The graph with the starts that the data set's paper plays from, of those it has.
 
     Those are the views that a recogniser is not sure of, its score below the threshold, of targets that it
@@ -100,7 +100,7 @@ def starts_by_score(graph: ViewGraph, scores: Scores, threshold: float = 0.9) ->
     return kept(graph, unsure & mixed[graph.start_target])
 
 
-def write_scores(graph: ViewGraph, scores: Scores, file: Path) -> None:
+def write_scores(graph: ViewGraph, scores: BoxScores, file: Path) -> None:
     """Write scores as CSV, a row per box: scene, view, target, score, right."""
     assert graph.pair_of is not None
     temporary = file.with_name(file.name + ".tmp")
@@ -114,7 +114,7 @@ def write_scores(graph: ViewGraph, scores: Scores, file: Path) -> None:
     temporary.replace(file)
 
 
-def read_scores(graph: ViewGraph, file: Path) -> Scores:
+def read_scores(graph: ViewGraph, file: Path) -> BoxScores:
     """Read what `write_scores` wrote, for the boxes of a graph.
 
     Raises:
@@ -142,4 +142,4 @@ def read_scores(graph: ViewGraph, file: Path) -> Scores:
                 f"{file} has no score of {names[2]} in view {names[1]}; write it anew for these scans."
             )
         score[graph.pair_of[view, target]], right[graph.pair_of[view, target]] = rows[names]
-    return Scores(score, right)
+    return BoxScores(score, right)

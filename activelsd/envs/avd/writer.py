@@ -29,8 +29,8 @@ from activelsd.envs.avd.boxes import Box, visible_boxes
 from activelsd.envs.avd.homes import DEFAULT_SCANS, HEADINGS, INSTANCES, MOVES, Home, parsed
 from activelsd.envs.cache import alone, writing
 from activelsd.envs.cores import cores
-from activelsd.envs.rooms.renderer import Camera, Picture
 from activelsd.errors import ConfigError, DataError
+from activelsd.scenery.rooms.room_renderer import Camera, Picture
 
 _POINTS = 4
 """Points of the grid that a process photographs at a time."""
@@ -41,8 +41,8 @@ _MOST_DEPTH = 65_535  # millimetres
 _MAT_HEADER = b"MATLAB 5.0 MAT-file".ljust(116)  # SciPy would put the time of day there
 _SOURCES = (
     ("activelsd.envs.avd", ("homes.py", "boxes.py", "writer.py")),
-    ("activelsd.envs.rooms", None),
-    ("activelsd.envs.modelnet.shapes", None),
+    ("activelsd.scenery.rooms", None),
+    ("activelsd.scenery.shapes", None),
 )
 """Modules, None for all of a package, on which what is written depends."""
 

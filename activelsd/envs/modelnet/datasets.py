@@ -131,7 +131,7 @@ def _nothing(origin: str, category: str, folder: str, rule: str, found: int) -> 
 
 def _shapes(train: int, test: int, classes: Sequence[str] | None) -> dict[str, list[_Object]]:
     """The embedded shapes asked for."""
-    from activelsd.envs.modelnet.shapes import CATEGORIES  # files do without it
+    from activelsd.scenery.shapes import CATEGORIES  # files do without it
 
     counts = {"train": train, "test": test}
     return {

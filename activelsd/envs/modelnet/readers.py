@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd.envs.modelnet.meshes import Mesh
 from activelsd.errors import DataError
+from activelsd.scenery.meshes import Mesh
 
 _HEADER = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?P<kind>[A-Za-z0-9]*?)OFF(?![A-Za-z])\s*(?P<binary>BINARY)?")
 _COUNTS = re.compile(rb"\s*(?P<vertices>\d+)\s+(?P<faces>\d+)(?:[ \t]+-?\d+)?[ \t]*(?=[\r\n]|$)")

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activelsd.envs.modelnet.files import Folder, Zip, open_files
-from activelsd.envs.modelnet.meshes import Mesh
 from activelsd.envs.modelnet.pictures import decode
 from activelsd.envs.modelnet.readers import decode_mesh
 from activelsd.envs.modelnet.splits import FOLDERS
 from activelsd.errors import DataError
+from activelsd.scenery.meshes import Mesh
 
 AZIMUTHS: tuple[int, ...] = tuple(range(0, 360, 30))
 """Degrees around the object, counter-clockwise seen from above, that cameras stand at."""
@@ -98,7 +98,7 @@ class Shapes:
 
     def mesh(self, item: Item) -> Mesh:
         """The shape of an item, whose parts are `train` or `test` and its number there."""
-        from activelsd.envs.modelnet.shapes import CATEGORIES, make_shape  # keeps OFF files fast
+        from activelsd.scenery.shapes import CATEGORIES, make_shape  # keeps OFF files fast
 
         folder, number = item.parts
         words = (self.seed, FOLDERS.index(folder), CATEGORIES.index(item.category), int(number))
@@ -126,7 +126,7 @@ def source_from(spec: dict[str, str | int]) -> Source:
 
 
 def _rendered(mesh: Mesh, name: str, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
-    from activelsd.envs.modelnet.renderer import render_views  # pictures do without embree
+    from activelsd.scenery.orbit_renderer import render_views  # pictures do without embree
 
     try:
         return render_views(mesh, size=size, azimuths=AZIMUTHS, elevations=elevations)

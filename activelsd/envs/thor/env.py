@@ -16,10 +16,10 @@ from activelsd.envs.cache import default_cache
 from activelsd.envs.episode import Episode, EpisodeRules, View, as_rules
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.oracle import shows_well, with_oracle
-from activelsd.envs.starts import check_starts, frozen_list
+from activelsd.envs.start_filters import check_starts, frozen_list
 from activelsd.envs.thor.lattice import MOVES, Pose
 from activelsd.envs.thor.recordings import RecordingSettings, recordings
-from activelsd.envs.thor.room import Room
+from activelsd.envs.thor.room import WalkableRoom
 from activelsd.envs.thor.scenes import CLASSES, ROOM_TYPES, scenes
 from activelsd.envs.thor.simulators import AI2THOR, SimulatorSettings, check_backend
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, join, load_graph
@@ -252,7 +252,7 @@ class THOREnv(ViewGraphEnv):
         )
         self._settings = recording_settings(**{k: v for k, v in world.items() if k in _RECORDING})
         self._live, self._scene, self._stay = live, "", episodes_per_scene
-        self._room: Room | None = None
+        self._room: WalkableRoom | None = None
         self._refused: set[int] = set()  # views where the agent did not land
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:

@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.crops import cut_out, squashed
 from activelsd.envs.episode import View
-from activelsd.envs.pictures import cut_out, squashed
 from activelsd.envs.thor.lattice import HEADINGS, MOVES, Lattice
-from activelsd.envs.thor.room import Event, Room, Scene, Sight, photograph, sight, unhindered
+from activelsd.envs.thor.room import Event, Scene, Sight, WalkableRoom, photograph, sight, unhindered
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import DataError
 
@@ -35,7 +35,7 @@ _HIDDEN = 0.25
 """Share of a target's extent in the picture; where fewer pixels show it, it is hard."""
 
 
-class Camera:
+class ViewMaker:
     """Turns what a simulator answers into what an agent sees."""
 
     def __init__(self, size: int, field_of_view: float) -> None:
@@ -65,10 +65,10 @@ def fractions(sights: Sequence[Sight], shape: tuple[int, ...]) -> NDArray[np.flo
 
 
 def record(
-    room: Room,
+    room: WalkableRoom,
     name: str,
     *,
-    camera: Camera,
+    camera: ViewMaker,
     classes: Sequence[str],
     progress: Callable[[int, int], None] | None = None,
     seed: int = 0,
@@ -109,7 +109,7 @@ def record(
 class _Taken:
     """What was seen of a scene so far."""
 
-    def __init__(self, camera: Camera, scene: Scene) -> None:
+    def __init__(self, camera: ViewMaker, scene: Scene) -> None:
         self._camera, self._scene = camera, scene
         self._frames: list[NDArray[np.uint8]] = []
         self._crops: list[NDArray[np.uint8]] = []
@@ -118,7 +118,7 @@ class _Taken:
         self._shown: list[float] = []
         self._shape: tuple[int, ...] = ()
 
-    def cell(self, room: Room, cell: int, progress: Callable[[int, int], None] | None) -> bool:
+    def cell(self, room: WalkableRoom, cell: int, progress: Callable[[int, int], None] | None) -> bool:
         """Look from a cell in all directions; False, and nothing kept, where the agent lands elsewhere."""
         lattice, camera = self._scene.lattice, self._camera
         per_cell = HEADINGS * len(lattice.horizons)
@@ -205,7 +205,7 @@ def difficulties(
     return found.astype(np.uint8)
 
 
-def _check(room: Room, scene: Scene, graph: ViewGraph, camera: Camera, seed: int) -> None:
+def _check(room: WalkableRoom, scene: Scene, graph: ViewGraph, camera: ViewMaker, seed: int) -> None:
     """Raise DataError where views taken once more look otherwise than they are recorded."""
     count = max(1, round(CHECKED * scene.lattice.views))
     for view in np.random.default_rng(seed).choice(scene.lattice.views, count, replace=False).tolist():

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 from activelsd.envs.cache import cache_file, make_once
 from activelsd.envs.cores import cores
-from activelsd.envs.thor.record import Camera, record
-from activelsd.envs.thor.room import Room
+from activelsd.envs.thor.record import ViewMaker, record
+from activelsd.envs.thor.room import WalkableRoom
 from activelsd.envs.thor.simulators import STANDIN, SimulatorSettings, build_of, start
 from activelsd.envs.viewgraph import read_key, save_graph
 from activelsd.errors import SimulatorLost
@@ -38,15 +38,15 @@ class RecordingSettings(NamedTuple):
     classes: tuple[str, ...] = ()
     size: int = 64  # pixels of frames and crops
 
-    def room(self) -> Room:
+    def room(self) -> WalkableRoom:
         """A simulator of these settings, to walk."""
         step = self.simulator.step
-        return Room(start(self.simulator), step=step, horizons=self.horizons, classes=self.classes)
+        return WalkableRoom(start(self.simulator), step=step, horizons=self.horizons, classes=self.classes)
 
     @property
-    def camera(self) -> Camera:
+    def camera(self) -> ViewMaker:
         """What makes its pictures."""
-        return Camera(self.size, self.simulator.field_of_view)
+        return ViewMaker(self.size, self.simulator.field_of_view)
 
 
 class _Job(NamedTuple):
@@ -137,12 +137,12 @@ def _in_worker(job: _Job) -> Path:
 
 
 @lru_cache(maxsize=1)
-def _room(settings: RecordingSettings) -> Room:
+def _room(settings: RecordingSettings) -> WalkableRoom:
     """A process's simulator, started once."""
     return settings.room()
 
 
-def _record(room: Room, job: _Job) -> Path:
+def _record(room: WalkableRoom, job: _Job) -> Path:
     def fill() -> None:
         while True:
             try:

@@ -77,7 +77,7 @@ class Scene(NamedTuple):
     targets: tuple[Target, ...]
 
 
-class Room:
+class WalkableRoom:
     """A simulator with an agent in one of its scenes."""
 
     def __init__(

@@ -20,7 +20,7 @@ BACKENDS = (AI2THOR, STANDIN)
 Device = TypeVar("Device", str, int)
 
 _STANDIN = ("standin.py", "standin_room.py", "standin_scenes.py")
-_ROOMS = ("activelsd.envs.rooms", "activelsd.envs.modelnet.shapes")
+_ROOMS = ("activelsd.scenery.rooms", "activelsd.scenery.shapes")
 """What the stand-in's pictures depend on: modules beside this one, and packages."""
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
-from activelsd.envs.rooms.renderer import Picture
 from activelsd.envs.thor.scenes import SCENES
-from activelsd.envs.thor.standin_room import AGENT_Y, Pose, StandInRoom
+from activelsd.envs.thor.standin_room import AGENT_Y, StandInPose, StandInRoom
+from activelsd.scenery.rooms.room_renderer import Picture
 
 _HORIZONS = (-30.0, 60.0)
 _SLACK = 1e-4  # degrees and metres by which an argument may be off
@@ -149,7 +149,7 @@ class StandIn:
             self._room, self._asked = StandInRoom(*asked), asked
         self.scene = f"{name}_physics"
         self._filter = None
-        self._pose = Pose(*self._room.start, 0.0, 0.0, True)
+        self._pose = StandInPose(*self._room.start, 0.0, 0.0, True)
         self.last_event = self._event("Initialize", None, None)
         return self.last_event
 
@@ -253,7 +253,7 @@ class StandIn:
             raise _FailedError(f"The agent cannot stand at a height of {y} m; its y is {AGENT_Y}.")
         if not self._room.fits((x, z), (x, z)):
             raise _FailedError(f"Something is in the way of the agent at x {x:.2f}, z {z:.2f}.")
-        self._pose = Pose(float(x), float(z), yaw, float(horizon), bool(standing))
+        self._pose = StandInPose(float(x), float(z), yaw, float(horizon), bool(standing))
 
     def _teleport(
         self,

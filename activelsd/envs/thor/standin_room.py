@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd.envs.rooms.lattice import clear, draw_lattice
-from activelsd.envs.rooms.layout import FLOOR, Placed, Room
-from activelsd.envs.rooms.renderer import Camera, Picture, RoomRenderer
 from activelsd.envs.thor.standin_scenes import RADIUS, furnished, object_type
+from activelsd.scenery.rooms.floor_grid import clear, draw_floor_grid
+from activelsd.scenery.rooms.layout import FLOOR, Placed, Room
+from activelsd.scenery.rooms.room_renderer import Camera, Picture, RoomRenderer
 
 AGENT_Y = 0.901
 """Metres of the agent's middle above the floor."""
@@ -26,7 +26,7 @@ EYE = 0.675
 _SAMPLES = 24  # points of a thing's surface that are looked for
 
 
-class Pose(NamedTuple):
+class StandInPose(NamedTuple):
     """Where the agent is, in THOR's axes."""
 
     x: float
@@ -53,7 +53,7 @@ class StandInRoom:
         """Build it. Raises ConfigError where there is no such scene."""
         self._room: Room = furnished(scene)
         self._renderer = RoomRenderer(self._room)
-        lattice = draw_lattice(self._room, step=grid, radius=RADIUS)
+        lattice = draw_floor_grid(self._room, step=grid, radius=RADIUS)
         middle = np.median(lattice.cells, axis=0).astype(np.int64)
         # a point of the grid in the middle is the origin, so that all of them are multiples of its step
         self._origin = lattice.points[0] + (middle - lattice.cells[0]) * grid
@@ -79,7 +79,7 @@ class StandInRoom:
         ways = np.array([start, end]) + self._origin
         return bool(clear(self._room, ways[:1], ways[1:], RADIUS)[0])
 
-    def look(self, pose: Pose, fov: float, width: int, height: int) -> Picture:
+    def look(self, pose: StandInPose, fov: float, width: int, height: int) -> Picture:
         """What the agent's camera sees, with that vertical field of view in degrees."""
         return self._look(self._camera(pose, fov, width, height))
 
@@ -89,7 +89,7 @@ class StandInRoom:
             array.flags.writeable = False  # events share it
         return picture
 
-    def objects(self, pose: Pose, fov: float, aspect: float, reach: float) -> list[dict[str, Any]]:
+    def objects(self, pose: StandInPose, fov: float, aspect: float, reach: float) -> list[dict[str, Any]]:
         """THOR's record of every thing; visible are those in the picture and within reach, in metres."""
         here = np.array([pose.x, AGENT_Y, pose.z])
         distances = [math.dist(here, box.mean(axis=0)) for box in self._boxes]
@@ -100,7 +100,7 @@ class StandInRoom:
             for i, record in enumerate(self._records)
         ]
 
-    def _seen(self, pose: Pose, fov: float, aspect: float, near: list[int]) -> set[int]:
+    def _seen(self, pose: StandInPose, fov: float, aspect: float, near: list[int]) -> set[int]:
         """Which of the things near have a point on their surface that is in the picture and not covered."""
         camera = self._camera(pose, fov, 1, 1)
         eye = np.array([camera.x, camera.y, camera.z])
@@ -112,7 +112,7 @@ class StandInRoom:
         met = self._renderer.met(eye.astype(np.float32), points[inside].astype(np.float32))
         return set(met[met == wanted].tolist())
 
-    def _camera(self, pose: Pose, fov: float, width: int, height: int) -> Camera:
+    def _camera(self, pose: StandInPose, fov: float, width: int, height: int) -> Camera:
         x, y = np.add(self._origin, (pose.x, pose.z)).tolist()
         return Camera(x, y, pose.eye, 90.0 - pose.rotation, -pose.horizon, fov, width, height)
 

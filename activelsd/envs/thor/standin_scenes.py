@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activelsd.envs.rooms import household
-from activelsd.envs.rooms.fittings import Fitted
-from activelsd.envs.rooms.household import household_thing
-from activelsd.envs.rooms.lattice import draw_lattice
-from activelsd.envs.rooms.layout import FLOOR, Room, furnish, set_down, set_out
-from activelsd.envs.rooms.models import Model
-from activelsd.envs.rooms.smallthings import small_thing
 from activelsd.envs.thor.scenes import ROOM_TYPES, place_of
 from activelsd.errors import DataError
+from activelsd.scenery.rooms import household
+from activelsd.scenery.rooms.fittings import Fitted
+from activelsd.scenery.rooms.floor_grid import draw_floor_grid
+from activelsd.scenery.rooms.household import household_thing
+from activelsd.scenery.rooms.layout import FLOOR, Room, furnish, set_down, set_out
+from activelsd.scenery.rooms.models import Model
+from activelsd.scenery.rooms.smallthings import small_thing
 
 RADIUS = 0.2
 """Metres of the agent, seen from above."""
@@ -187,7 +187,7 @@ def _attempt(style: _Furnishing, things: list[Model], seed: tuple[int, int]) -> 
 
 
 def _points(room: Room) -> int:
-    return len(draw_lattice(room, step=_GRID, radius=RADIUS).points)
+    return len(draw_floor_grid(room, step=_GRID, radius=RADIUS).points)
 
 
 def _spread(thing: Model) -> float:

@@ -8,12 +8,12 @@ from zlib import crc32
 import torch
 from torch import Tensor
 
-from activelsd.envs.joint import JointVectorEnv, Recording, play_recordings
+from activelsd.envs.joint import JointVectorEnv, OpenWorld, play_recordings
 from activelsd.envs.vector import Step, ViewGraphVectorEnv
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, Output
-from activelsd.train.actors.protocol import MakeActors
-from activelsd.train.augment import WAYS, Variation, kept
+from activelsd.train.actors.interface import MakeActors
+from activelsd.train.augment import VARIATION_SIZE, Variation, kept
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
 
@@ -53,7 +53,7 @@ class ResidentActors:
         trees = [part.tree for part in parts]
         crops = vary_crops and network.shape.crops
         self._variation = Variation(trees, env.tree, torch.device(env.device), crops=crops, mirror=mirror)
-        self._ways = torch.zeros(env.num_envs, WAYS, device=env.device)
+        self._ways = torch.zeros(env.num_envs, VARIATION_SIZE, device=env.device)
         env.begin(seed)
         if guided:
             env.nearer()  # ways are found now, not in the midst of a rollout
@@ -164,7 +164,7 @@ class ResidentActors:
 
 
 def on_recordings(
-    worlds: Sequence[Recording], settings: TrainSettings, *, frames: int, device: str = "cpu"
+    worlds: Sequence[OpenWorld], settings: TrainSettings, *, frames: int, device: str = "cpu"
 ) -> MakeActors:
     """Actors for the training episodes of one world, or of several side by side; K = `frames` are stacked."""
 

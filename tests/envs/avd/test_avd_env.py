@@ -23,9 +23,9 @@ from activelsd.envs.avd.homes import DEFAULT_SCANS
 from activelsd.envs.avd.prepare import prepare
 from activelsd.envs.avd.scan import MOVES
 from activelsd.envs.avd.splits import split_scans
-from activelsd.envs.avd.starts import Scores, read_scores, starts, write_scores
+from activelsd.envs.avd.starts import BoxScores, read_scores, starts, write_scores
 from activelsd.envs.oracle import shows_well
-from activelsd.envs.starts import check_starts, frozen_list
+from activelsd.envs.start_filters import check_starts, frozen_list
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, load_graph
 from activelsd.errors import ConfigError, DataError
 from tests.envs.avd.homes import INSTANCES, write_homes
@@ -169,7 +169,7 @@ def test_scores_survive_their_file_and_choose_the_starts(
     assert prepared.boxes is not None
     n = len(prepared.boxes)
     rng = np.random.default_rng(0)
-    scores = Scores(rng.random(n, np.float32), np.arange(n) % 2 == 0)
+    scores = BoxScores(rng.random(n, np.float32), np.arange(n) % 2 == 0)
     file = tmp_path / "scores.csv"
     write_scores(prepared, scores, file)
     read = read_scores(prepared, file)

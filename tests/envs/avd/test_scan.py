@@ -13,7 +13,7 @@ import pytest
 from activelsd.envs.avd import scan as reader
 from activelsd.envs.avd.datasets import scans_in
 from activelsd.envs.avd.scan import MOVES, Scan, read_instances, read_scan
-from activelsd.envs.pictures import cut_out, squashed
+from activelsd.envs.crops import cut_out, squashed
 from activelsd.errors import DataError
 from tests.envs.avd.homes import (
     HEIGHT,

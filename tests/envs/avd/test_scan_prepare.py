@@ -14,7 +14,7 @@ import pytest
 
 from activelsd.envs.avd.prepare import prepare
 from activelsd.envs.avd.scan import MOVES, read_instances, read_scan
-from activelsd.envs.pictures import cut_out, squashed
+from activelsd.envs.crops import cut_out, squashed
 from activelsd.envs.viewgraph import load_graph
 from activelsd.errors import DataError
 from tests.envs.avd.homes import INSTANCES, entry, name, photograph, ring, write_homes, write_map, write_scan

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from activelsd.envs.modelnet.meshes import Mesh
 from activelsd.envs.modelnet.readers import check_format, read_mesh, read_off
 from activelsd.errors import DataError
+from activelsd.scenery.meshes import Mesh
 
 FURNITURE = Path(__file__).parents[4] / "shared/data/furniture"
 TRIANGLE = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"

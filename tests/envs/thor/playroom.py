@@ -30,7 +30,7 @@ class Thing(NamedTuple):
         return f"{self.kind}|{self.x:+06.2f}|{self.y:+06.2f}|{self.z:+06.2f}"
 
 
-class Room:
+class WalkableRoom:
     """The cells and things of a scene, drawn from its name."""
 
     def __init__(self, scene: str) -> None:
@@ -89,7 +89,7 @@ class World:
         self.load(SCENES[0])
 
     def load(self, scene: str) -> None:
-        self.scene, self.room = scene, Room(scene)
+        self.scene, self.room = scene, WalkableRoom(scene)
         self.cell, self.yaw, self.horizon = (1, 1), 0.0, 0.0
         self.filter: set[str] | None = None
 

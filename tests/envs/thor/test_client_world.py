@@ -13,7 +13,7 @@ from activelsd.build import WORLDS, build_graph
 from activelsd.compose import resolve
 from activelsd.envs.thor.env import THOREnv, thor_graph
 from activelsd.envs.thor.lattice import Lattice
-from activelsd.envs.thor.room import Room
+from activelsd.envs.thor.room import WalkableRoom
 from activelsd.launch import begin
 from tests.envs.thor.clients import Belongings, controller, player
 
@@ -104,7 +104,7 @@ def test_pictures_of_three_and_four_channels_give_the_same_recording(cache: Path
 
 def test_a_full_turn_of_45_degrees_comes_back_to_where_it_began() -> None:
     with controller("--noise", gridSize=0.25) as simulator:
-        room = Room(simulator, step=0.25, horizons=(0.0,), classes=CLASSES)
+        room = WalkableRoom(simulator, step=0.25, horizons=(0.0,), classes=CLASSES)
         lattice: Lattice = room.enter("FloorPlan1").lattice
         turn = lattice.moves()[:, 4]
         view, frames = 7, []

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
+from activelsd.envs.crops import cut_out, squashed
 from activelsd.envs.oracle import shows_well
-from activelsd.envs.pictures import cut_out, squashed
 from activelsd.envs.thor import recordings as module
 from activelsd.envs.thor.lattice import HEADINGS, MOVES, Pose
-from activelsd.envs.thor.record import EASY, HARD, MODERATE, Camera, difficulties, record
+from activelsd.envs.thor.record import EASY, HARD, MODERATE, ViewMaker, difficulties, record
 from activelsd.envs.thor.recordings import RecordingSettings, recordings
-from activelsd.envs.thor.room import Room, Target, sight, unhindered
+from activelsd.envs.thor.room import Target, WalkableRoom, sight, unhindered
 from activelsd.envs.thor.simulators import STANDIN, SimulatorSettings
 from activelsd.envs.viewgraph import ViewGraph, join, load_graph
 from activelsd.errors import DataError
@@ -22,11 +22,11 @@ from tests.envs.thor.simulator import CELLS, OBJECTS, SIZE, FakeSimulator
 
 HORIZONS = (-30.0, 0.0, 30.0)
 CLASSES = ("Apple", "Bowl", "Box")
-CAMERA = Camera(16, 90.0)
+CAMERA = ViewMaker(16, 90.0)
 
 
-def walk(simulator: FakeSimulator) -> Room:
-    return Room(simulator, step=0.25, horizons=HORIZONS, classes=CLASSES)
+def walk(simulator: FakeSimulator) -> WalkableRoom:
+    return WalkableRoom(simulator, step=0.25, horizons=HORIZONS, classes=CLASSES)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_a_cell_where_the_agent_lands_elsewhere_is_left_out() -> None:
 
 
 def test_no_object_and_no_landing_are_said() -> None:
-    room = Room(FakeSimulator(), step=0.25, horizons=HORIZONS, classes=("Toaster",))
+    room = WalkableRoom(FakeSimulator(), step=0.25, horizons=HORIZONS, classes=("Toaster",))
     with pytest.raises(DataError, match="FloorPlan1 has none of the objects"):
         record(room, "FloorPlan1", camera=CAMERA, classes=("Toaster",))
     with pytest.raises(DataError, match="lands nowhere in FloorPlan1"):

@@ -7,13 +7,13 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from activelsd.envs.rooms.footprints import overlap
-from activelsd.envs.rooms.lattice import draw_lattice
-from activelsd.envs.rooms.layout import FLOOR
-from activelsd.envs.rooms.supports import Supports
 from activelsd.envs.thor.scenes import CLASSES, ROOM_TYPES, SCENES, SPLITS, place_of, scenes
 from activelsd.envs.thor.standin_scenes import RADIUS, furnished, object_type
 from activelsd.errors import ConfigError
+from activelsd.scenery.rooms.floor_grid import draw_floor_grid
+from activelsd.scenery.rooms.footprints import overlap
+from activelsd.scenery.rooms.layout import FLOOR
+from activelsd.scenery.rooms.supports import Supports
 
 SOME = SCENES[::15]
 
@@ -64,7 +64,7 @@ def test_a_room_has_things_of_many_classes_and_others(room):
 
 
 def test_an_agent_can_walk_in_it(room):
-    assert 40 <= len(draw_lattice(room, step=0.25, radius=RADIUS).points) <= 120
+    assert 40 <= len(draw_floor_grid(room, step=0.25, radius=RADIUS).points) <= 120
 
 
 def test_things_stand_on_something_and_in_nothing(room):

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from activelsd.envs.rooms.renderer import RoomRenderer
 from activelsd.envs.thor.scenes import CLASSES
 from activelsd.envs.thor.standin import StandIn
 from activelsd.errors import ConfigError
+from activelsd.scenery.rooms.room_renderer import RoomRenderer
 
 SCENE = "FloorPlan207"
 

@@ -5,36 +5,36 @@ from __future__ import annotations
 from pathlib import Path
 
 from activelsd.envs.episode import PRESETS
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import OpenWorld
 from activelsd.errors import DataError
 from tests.graphs import ring_graph, room_graph
 from tests.train.actors.mischief import GRAPH
 
 
-def rings() -> list[Recording]:
-    return [Recording("rings", GRAPH, PRESETS["V4"])]
+def rings() -> list[OpenWorld]:
+    return [OpenWorld("rings", GRAPH, PRESETS["V4"])]
 
 
-def rooms() -> list[Recording]:
+def rooms() -> list[OpenWorld]:
     """With boxes, so that the way to a good look is known."""
-    return [Recording("rooms", room_graph(size=GRAPH.size, crops=False), PRESETS["V4"])]
+    return [OpenWorld("rooms", room_graph(size=GRAPH.size, crops=False), PRESETS["V4"])]
 
 
-def two_worlds() -> list[Recording]:
+def two_worlds() -> list[OpenWorld]:
     """Rings of other classes, and with other moves."""
     other = ring_graph(classes=3, moves=("orbit_cw", "orbit_cw_90"), seed=1)
-    return [*rings(), Recording("others", other, PRESETS["V4"])]
+    return [*rings(), OpenWorld("others", other, PRESETS["V4"])]
 
 
-def broken() -> list[Recording]:
+def broken() -> list[OpenWorld]:
     raise RuntimeError("the shelf fell over")
 
 
-def missing() -> list[Recording]:
+def missing() -> list[OpenWorld]:
     raise DataError("There are no views on this node.")
 
 
-def busy(mark: Path) -> list[Recording]:
+def busy(mark: Path) -> list[OpenWorld]:
     """Rings that another process prepares at the first try."""
     from activelsd.envs.cache import CacheBusyError
 

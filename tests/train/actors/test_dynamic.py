@@ -8,23 +8,23 @@ import time
 import numpy as np
 
 from activelsd.policy.heads import Epsilon
-from activelsd.train.actors.ga3c.dynamic import Counts, Walk, neighbour
+from activelsd.train.actors.ga3c.dynamic import ThreadCounts, Walk, neighbour
 from tests.train.actors.worlds import actors
 
 
 def test_neighbours_stay_within_bounds_and_reach_every_direction() -> None:
-    generator, most = np.random.default_rng(0), Counts(3, 2, 1)
-    seen = {neighbour(Counts(1, 1, 1), most, generator) for _ in range(200)}
-    assert seen == {Counts(a, p, 1) for a in (1, 2) for p in (1, 2)}
+    generator, most = np.random.default_rng(0), ThreadCounts(3, 2, 1)
+    seen = {neighbour(ThreadCounts(1, 1, 1), most, generator) for _ in range(200)}
+    assert seen == {ThreadCounts(a, p, 1) for a in (1, 2) for p in (1, 2)}
 
 
 def test_walk_climbs_to_the_fastest_and_stays_near() -> None:
-    fastest = Counts(9, 3, 2)
+    fastest = ThreadCounts(9, 3, 2)
 
-    def rate(counts: Counts) -> float:
+    def rate(counts: ThreadCounts) -> float:
         return 100.0 - sum((n - m) ** 2 for n, m in zip(counts, fastest, strict=True))
 
-    walk = Walk(Counts(2, 1, 1), Counts(16, 4, 4), seed=0)
+    walk = Walk(ThreadCounts(2, 1, 1), ThreadCounts(16, 4, 4), seed=0)
     counts = walk.best
     for _ in range(300):
         counts = walk.turn(rate(counts))
@@ -33,7 +33,7 @@ def test_walk_climbs_to_the_fastest_and_stays_near() -> None:
 
 
 def test_walk_leaves_a_best_that_has_become_slow() -> None:
-    walk = Walk(Counts(4, 1, 1), Counts(8, 1, 1), seed=0)
+    walk = Walk(ThreadCounts(4, 1, 1), ThreadCounts(8, 1, 1), seed=0)
     counts = walk.best
     for turn in range(400):
         counts = walk.turn(10.0 - abs(counts.agents - (7 if turn < 200 else 2)))

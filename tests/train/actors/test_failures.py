@@ -16,10 +16,10 @@ import pytest
 
 from activelsd.errors import TrainingError, UserError
 from activelsd.policy.heads import Epsilon
-from activelsd.train.actors.ga3c.actors import GA3CActors
+from activelsd.train.actors.ga3c.batcher import BatcherThread
+from activelsd.train.actors.ga3c.ga3c_actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
 from activelsd.train.actors.ga3c.queues import ClosedError
-from activelsd.train.actors.ga3c.trainer import TrainerThread
 from tests.train.actors.mischief import ID
 from tests.train.actors.worlds import actors, spec
 
@@ -165,9 +165,9 @@ def test_closing_while_agents_start_does_not_wait_for_them() -> None:
 
 
 def test_closing_in_the_midst_of_starting_ends_what_has_started(monkeypatch: pytest.MonkeyPatch) -> None:
-    start, made, crew = TrainerThread.start, threading.Event(), actors("threads", agents=2)
+    start, made, crew = BatcherThread.start, threading.Event(), actors("threads", agents=2)
 
-    def slowly(thread: TrainerThread) -> None:
+    def slowly(thread: BatcherThread) -> None:
         made.set()
         time.sleep(0.2)
         start(thread)
@@ -176,7 +176,7 @@ def test_closing_in_the_midst_of_starting_ends_what_has_started(monkeypatch: pyt
         with pytest.raises(ClosedError):
             crew.collect(EPSILON)
 
-    monkeypatch.setattr(TrainerThread, "start", slowly)
+    monkeypatch.setattr(BatcherThread, "start", slowly)
     runner = threading.Thread(target=run)
     runner.start()
     assert made.wait(20)

@@ -14,18 +14,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.train.actors.ray_pool import EPSILON, REASON, actors
 
 from activelsd.envs.graphenv import tree_of
 from activelsd.errors import DataError, TrainingError
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
-from activelsd.train.actors.ray.actors import RayActors
+from activelsd.train.actors.ray.ray_actors import RayActors
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.run import Run
 from activelsd.train.settings import RaySettings, TrainSettings
 from activelsd.train.trainer import Trainer
 from tests.train.actors import recordings
 from tests.train.actors.mischief import GRAPH
-from tests.train.actors.ray_crew import EPSILON, REASON, actors
 
 
 class Nodes:
@@ -88,7 +88,7 @@ def collect_until(crew: RayActors, happened: Callable[[dict[str, float]], bool])
 
 
 def process_on(crew: RayActors, *, second: bool, nodes: Nodes) -> int:
-    places = [hand.place for hand in crew._crew.hands if hand.place]
+    places = [handle.place for handle in crew._pool.handles if handle.place]
     return next(place.pid for place in places if (place.node == nodes.second.node_id) == second)
 
 
@@ -150,8 +150,8 @@ def test_a_worker_that_hangs_is_replaced_and_one_without_room_is_waited_for(
     crew = actors(address=nodes.address, workers=4, timeout_s=3.0, training_batch=1)
     try:
         collect_until(crew, lambda now: now["ray/workers"] == 3)
-        calls = crew._crew._calls
-        (waiting,) = (answer for answer, call in calls.items() if call.hand.place is None)
+        calls = crew._pool._calls
+        (waiting,) = (answer for answer, call in calls.items() if call.handle.place is None)
         calls[waiting] = replace(calls[waiting], deadline=0.0)
         collect_until(crew, lambda now: bool(caplog.messages))
         assert "has found no room for 600 s: the cluster has 3 CPUs of which 0 are free" in caplog.messages[0]

@@ -11,12 +11,12 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from tests.train.actors.ray_pool import REASON
 
 from activelsd import launch
 from activelsd.compose import resolve
 from activelsd.errors import ConfigError
 from activelsd.train.run import Run
-from tests.train.actors.ray_crew import REASON
 from tests.train.actors.test_failures import alive
 
 WORDS = [

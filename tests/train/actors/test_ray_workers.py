@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from tests.train.actors.ray_pool import EPSILON, REASON, actors, network_for, settings_of
 
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import OpenWorld
 from activelsd.errors import ConfigError, DataError
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.train.actors.ray import worker
@@ -24,10 +25,9 @@ from activelsd.train.learner import Learner
 from activelsd.train.settings import TrainSettings
 from tests.train.actors import recordings
 from tests.train.actors.mischief import GRAPH
-from tests.train.actors.ray_crew import EPSILON, REASON, actors, network_for, settings_of
 
 
-def worker_of(open_worlds: Callable[[], Sequence[Recording]], seed: int = 5, dropout: float = 0.0) -> Worker:
+def worker_of(open_worlds: Callable[[], Sequence[OpenWorld]], seed: int = 5, dropout: float = 0.0) -> Worker:
     """A worker of this process that has begun."""
     worlds = open_worlds()
     network = network_for(worlds)
@@ -46,7 +46,7 @@ def worker_of(open_worlds: Callable[[], Sequence[Recording]], seed: int = 5, dro
 
 
 def weights_of(network: LSDNet) -> dict[str, Any]:
-    """As Ray hands them over: read-only."""
+    """As Ray handles them over: read-only."""
     arrays = {name: value.numpy().copy() for name, value in network.state_dict().items()}
     for array in arrays.values():
         array.setflags(write=False)
@@ -55,7 +55,7 @@ def weights_of(network: LSDNet) -> dict[str, Any]:
 
 @pytest.mark.parametrize("open_worlds", [recordings.rings, recordings.rooms])
 def test_a_worker_plays_what_resident_actors_play_with_the_weights_it_is_given(
-    open_worlds: Callable[[], Sequence[Recording]],
+    open_worlds: Callable[[], Sequence[OpenWorld]],
 ) -> None:
     worlds = open_worlds()
     network = network_for(worlds)

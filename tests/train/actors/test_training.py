@@ -17,7 +17,7 @@ from activelsd import launch
 from activelsd.compose import resolve
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import tree_of
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import OpenWorld
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import NetworkShape
 from activelsd.train.actors.resident import on_recordings
@@ -34,7 +34,7 @@ def train(run: Run, kind: str, *, resume: bool = False, **changed: Any) -> list[
     chosen = {"steps": 12_000, "envs": 16, "log_every": 2_000, "loggers": [], "learning_rate": 2e-3}
     settings = TrainSettings(**(chosen | changed))  # type: ignore[arg-type]
     shape = NetworkShape(size=GRAPH.size, features=32)
-    crew = on_recordings([Recording("rings", GRAPH, PRESETS["V4"])], settings, frames=1)
+    crew = on_recordings([OpenWorld("rings", GRAPH, PRESETS["V4"])], settings, frames=1)
     if kind != "resident":
         crew = lambda network, seed: actors(  # noqa: E731
             kind, network, seed=seed, length=settings.length, agents=2, envs_per_agent=settings.envs // 2

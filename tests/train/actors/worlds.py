@@ -6,7 +6,7 @@ from typing import Any
 
 from activelsd.envs.graphenv import tree_of
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
-from activelsd.train.actors.ga3c.actors import GA3CActors
+from activelsd.train.actors.ga3c.ga3c_actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
 from activelsd.train.settings import GA3CSettings
 from activelsd.train.trainer import new_network

@@ -9,17 +9,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from activelsd.errors import ActiveLSDError, TrainingError
-from activelsd.train.actors.ga3c.player import Player
 from activelsd.train.actors.ga3c.process import AgentLost
 from activelsd.train.actors.ga3c.queues import BatchQueue, ClosedError
-from activelsd.train.actors.ga3c.recorder import Recorder
+from activelsd.train.actors.ga3c.stepper import Stepper
+from activelsd.train.actors.ga3c.trajectory_writer import TrajectoryWriter
 from activelsd.train.actors.gauges import Gauges
 
 log = logging.getLogger("activelsd.ga3c")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Surroundings:
+class AgentContext:
     """What the agents share.
 
     Attributes:
@@ -33,7 +33,7 @@ class Surroundings:
     """
 
     world: str
-    make: Callable[[int, Callable[[], bool]], Player]
+    make: Callable[[int, Callable[[], bool]], Stepper]
     asks: BatchQueue[tuple[int, int]]
     starting: threading.Semaphore
     restarts: int
@@ -48,10 +48,10 @@ class Agent(threading.Thread):
     times they are its own.
     """
 
-    def __init__(self, number: int, recorders: Sequence[Recorder], around: Surroundings) -> None:
+    def __init__(self, number: int, recorders: Sequence[TrajectoryWriter], around: AgentContext) -> None:
         super().__init__(name=f"agent-{number}", daemon=True)
         self.number, self.recorders = number, recorders  # one for each lane
-        self.player: Player | None = None
+        self.player: Stepper | None = None
         self._around = around
         self._answered = threading.Semaphore(0)
         self._stopping = False
@@ -78,7 +78,7 @@ class Agent(threading.Thread):
                 except AgentLost as loss:  # noqa: PERF203  once per player, not per step
                     if not self._stopping:
                         lost += 1
-                        self._mourn(loss, lost)
+                        self._record_loss(loss, lost)
         except ClosedError:
             pass
         except Exception as error:  # noqa: BLE001  the learner raises it
@@ -101,7 +101,7 @@ class Agent(threading.Thread):
                 player, self.player = self.player, None
                 player.close()
 
-    def _ask_on(self, player: Player) -> None:
+    def _ask_on(self, player: Stepper) -> None:
         """Ask about every lane, and again about each whose step is taken."""
         asks, unanswered = self._around.asks, 0
         try:
@@ -118,7 +118,7 @@ class Agent(threading.Thread):
             for _ in range(unanswered):
                 self._answered.acquire()
 
-    def _mourn(self, loss: AgentLost, lost: int) -> None:
+    def _record_loss(self, loss: AgentLost, lost: int) -> None:
         """Write down what is lost; at most so many times."""
         around, who = self._around, f"Agent {self.number} ({self._around.world})"
         steps = sum(recorder.drop() for recorder in self.recorders)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 
-class Counts(NamedTuple):
+class ThreadCounts(NamedTuple):
     """How many there are of each."""
 
     agents: int
@@ -17,21 +17,21 @@ class Counts(NamedTuple):
     trainers: int
 
 
-def neighbour(counts: Counts, most: Counts, generator: np.random.Generator) -> Counts:
+def neighbour(counts: ThreadCounts, most: ThreadCounts, generator: np.random.Generator) -> ThreadCounts:
     """Each count one up, one down or as it is, within 1 and `most`."""
     moves = generator.integers(-1, 2, len(counts))
-    return Counts(*(int(min(max(n + d, 1), m)) for n, d, m in zip(counts, moves, most, strict=True)))
+    return ThreadCounts(*(int(min(max(n + d, 1), m)) for n, d, m in zip(counts, moves, most, strict=True)))
 
 
 class Walk:
     """Tries a neighbour of the best counts so far at every turn, and goes back from one that is slower."""
 
-    def __init__(self, counts: Counts, most: Counts, seed: int) -> None:
+    def __init__(self, counts: ThreadCounts, most: ThreadCounts, seed: int) -> None:
         self.best, self._rate = counts, 0.0
         self._tried = counts
         self._most, self._generator = most, np.random.default_rng(seed)
 
-    def turn(self, rate: float) -> Counts:
+    def turn(self, rate: float) -> ThreadCounts:
         """The counts to use next, told the rate of those used last."""
         if self._tried == self.best or rate > self._rate:
             # The best is measured anew where it was used: a machine's speed changes.
@@ -51,7 +51,7 @@ class Adjuster(threading.Thread):
         *,
         every: float,
         steps: Callable[[], int],
-        resize: Callable[[Counts], None],
+        resize: Callable[[ThreadCounts], None],
         fail: Callable[[Exception], None],
     ) -> None:
         """Adjust.

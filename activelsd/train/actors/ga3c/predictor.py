@@ -24,7 +24,7 @@ from activelsd.train.augment import Variation, kept
 
 
 @dataclass(eq=False)
-class Desk:
+class PredictorState:
     """What predictors share.
 
     Attributes:
@@ -35,7 +35,7 @@ class Desk:
         trajectories: the training queue.
         gauges: where batches, queues and waiting are measured.
         variation: how episodes differ from what environments show.
-        ways: (rows, envs, WAYS) of every episode, on the network's device.
+        ways: (rows, envs, VARIATION_SIZE) of every episode, on the network's device.
         dropout: share of the memory's features left out at every look.
         epsilon: exploration from now on.
         version: of the weights, in updates.
@@ -59,7 +59,7 @@ class Predictor(threading.Thread):
 
     def __init__(
         self,
-        desk: Desk,
+        desk: PredictorState,
         asks: BatchQueue[tuple[int, int]],
         *,
         most: int,

@@ -27,8 +27,8 @@ import gymnasium
 from activelsd.envs.actions import ActionTree
 from activelsd.errors import ActiveLSDError, UserError
 from activelsd.subprogram import NUMBER, start
-from activelsd.train.actors.ga3c.player import Env, EnvPlayer, check_actions
 from activelsd.train.actors.ga3c.slots import Layout, Slots
+from activelsd.train.actors.ga3c.stepper import Env, LocalStepper, check_actions
 
 _FAILED = b"!"
 """What no bell rings; all others are a lane."""
@@ -82,7 +82,7 @@ class Lifeline(NamedTuple):
         os.close(self.write)
 
 
-class ProcessPlayer:
+class ProcessStepper:
     """The parent's end of a player."""
 
     def __init__(
@@ -219,7 +219,7 @@ def main() -> None:
     begun = False
     try:
         slots = Slots(Layout(**job["layout"]), files["memory"])
-        player = EnvPlayer(lambda: _make(job), slots, job["agent"], job["seed"])
+        player = LocalStepper(lambda: _make(job), slots, job["agent"], job["seed"])
         player.begin()
         begun = True
         lane = b"\0"

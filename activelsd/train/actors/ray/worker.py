@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from activelsd.envs.actions import ActionTree
 from activelsd.envs.cache import CacheBusyError
-from activelsd.envs.joint import Recording
+from activelsd.envs.joint import OpenWorld
 from activelsd.errors import DataError
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
@@ -38,14 +38,14 @@ class Job:
         settings: of training.
     """
 
-    open: Callable[[], Sequence[Recording]]
+    open: Callable[[], Sequence[OpenWorld]]
     fingerprint: str
     tree: ActionTree
     shape: NetworkShape
     settings: TrainSettings
 
 
-class Place(NamedTuple):
+class WorkerLocation(NamedTuple):
     """Where a worker is."""
 
     node: str  # Ray's id
@@ -68,11 +68,13 @@ class Worker:
         """Be there; `seed` fixes episodes and actions."""
         self._job, self._seed, self._version = job, seed, -1
 
-    def where(self) -> Place:
+    def where(self) -> WorkerLocation:
         """Where Ray has put it."""
         import ray
 
-        return Place(ray.get_runtime_context().get_node_id(), ray.util.get_node_ip_address(), os.getpid())
+        return WorkerLocation(
+            ray.get_runtime_context().get_node_id(), ray.util.get_node_ip_address(), os.getpid()
+        )
 
     def begin(self) -> None:
         """Open the worlds, which are prepared where this node has not got them yet, and start the episodes.
@@ -103,7 +105,7 @@ class Worker:
             epsilon: random exploration of branch and leaf.
         """
         if version != self._version:
-            # Copies: what Ray hands over lies in shared memory and is read-only.
+            # Copies: what Ray handles over lies in shared memory and is read-only.
             self._network.load_state_dict({name: torch.tensor(array) for name, array in weights.items()})
             self._version = version
         rollout = self._actors.collect(Epsilon(*epsilon))
@@ -126,7 +128,7 @@ class Worker:
         return Played(arrays, rollout.state.numpy(), rollout.bootstrap.numpy())
 
 
-def fingerprint(worlds: Sequence[Recording]) -> str:
+def fingerprint(worlds: Sequence[OpenWorld]) -> str:
     """A digest of worlds without their pictures, of which only the shapes count.
 
     Pictures rendered on different processors may differ in a bit, and reading them all takes long.
@@ -145,7 +147,7 @@ def fingerprint(worlds: Sequence[Recording]) -> str:
     return digest.hexdigest()
 
 
-def _opened(open_worlds: Callable[[], Sequence[Recording]]) -> Sequence[Recording]:
+def _opened(open_worlds: Callable[[], Sequence[OpenWorld]]) -> Sequence[OpenWorld]:
     """The worlds, as soon as no other process of this node prepares them."""
     while True:
         try:

@@ -1,0 +1,146 @@
+"""A comparison on disk: JSON, CSV, a row an episode, and the picture, each written whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from activelsd.evaluate.compare import Comparison, Difference, Standing
+from activelsd.evaluate.metrics import CONFIDENCE, EpisodeGroup, Interval
+
+FORMAT = "activelsd.comparison/1"
+MEASURES = ("accuracy", "views", "steps")
+
+
+def write(comparison: Comparison, folder: Path, stem: str = "comparison") -> list[Path]:
+    """Write `<stem>.json`, `<stem>.csv`, `<stem>.png` and the episodes into a folder.
+
+    Args:
+        comparison: what to write.
+        folder: made where it is missing.
+        stem: of the files' names; the episodes of the stem `comparison` go to `episodes.jsonl`, those of any
+            other to `<stem>_episodes.jsonl`.
+
+    Returns:
+        The files.
+    """
+    from activelsd.evaluate.figure import draw  # matplotlib takes a while to import
+
+    folder.mkdir(parents=True, exist_ok=True)
+    episodes = "episodes.jsonl" if stem == "comparison" else f"{stem}_episodes.jsonl"
+    contents = {
+        f"{stem}.json": (json.dumps(as_json(comparison), indent=1) + "\n").encode(),
+        f"{stem}.csv": as_csv(comparison).encode(),
+        episodes: as_lines(comparison).encode(),
+        f"{stem}.png": draw(comparison),
+    }
+    return [_replace(folder / name, content) for name, content in contents.items()]
+
+
+def as_json(comparison: Comparison) -> dict[str, Any]:
+    """All figures as plain values."""
+    closed = comparison.gain_closed
+    return {
+        "format": FORMAT,
+        "world": comparison.reference.world,
+        "backend": comparison.reference.backend,
+        "split": comparison.split,
+        "episodes": comparison.reference.episodes,
+        "objects": comparison.objects,
+        "episodes_per_object": comparison.per_object,
+        "seed": comparison.seed,
+        "confidence": CONFIDENCE,
+        "interval": "percentile bootstrap over objects",
+        "reference": comparison.reference.name,
+        "players": [_player(one) for one in comparison.players],
+        "paired": [_paired(one) for one in comparison.paired],
+        "paired_is": f"player minus {comparison.reference.name}, on the same episodes",
+        "gain_closed": closed and closed.mean,
+        "gain_closed_ci": closed and [closed.low, closed.high],
+    }
+
+
+def as_csv(comparison: Comparison) -> str:
+    """A line a player; intervals as two columns, and differences to the reference behind."""
+    ends = ("", "_low", "_high")
+    head = ["name", "world", "backend", "split", "episodes"]
+    head += [name + end for name in MEASURES for end in ends] + ["views_right", "forced"]
+    head += [f"spl{end}" for end in ends]
+    head += [f"{name}_difference{end}" for name in MEASURES for end in ends]
+    paired = {one.name: one for one in comparison.paired}
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(head)
+    for one in comparison.players:
+        differences = _numbers(paired[one.name]) if one.name in paired else [None] * len(MEASURES) * len(ends)
+        about = [one.name, one.world, one.backend, comparison.split, one.episodes]
+        paths = one.spl or [None] * len(ends)
+        lines.writerow([*about, *_numbers(one), one.views_right, one.forced, *paths, *differences])
+    return text.getvalue()
+
+
+def as_lines(comparison: Comparison) -> str:
+    """A JSON object a line, an episode of a player each."""
+    return "".join(json.dumps(asdict(row)) + "\n" for rows in comparison.rows.values() for row in rows)
+
+
+def _player(one: Standing) -> dict[str, Any]:
+    about = {"name": one.name, "world": one.world, "backend": one.backend, "episodes": one.episodes}
+    return {
+        **about,
+        **_measures(one),
+        "views_right": one.views_right,
+        "forced": one.forced,
+        "spl": one.spl and one.spl.mean,
+        "spl_ci": one.spl and [one.spl.low, one.spl.high],
+        "max_views": one.max_views,
+        "by_class": _groups("class", one.classes),
+        "by_difficulty": _groups("difficulty", one.difficulties),
+        "by_views": _groups("views", one.seen),
+        "by_views_allowed": _groups("views_allowed", one.allowed),
+    }
+
+
+def _paired(one: Difference) -> dict[str, Any]:
+    return {"name": one.name, "reference": one.reference, "episodes": one.episodes, **_measures(one)}
+
+
+def _measures(one: Standing | Difference) -> dict[str, Any]:
+    """`accuracy`, `accuracy_ci`, `views` and so on."""
+    measures: dict[str, Any] = {}
+    for name in MEASURES:
+        interval: Interval = getattr(one, name)
+        measures |= {name: interval.mean, f"{name}_ci": [interval.low, interval.high]}
+    return measures
+
+
+def _numbers(one: Standing | Difference) -> list[float | None]:
+    return [number for name in MEASURES for number in getattr(one, name)]
+
+
+def _groups(by: str, groups: Sequence[EpisodeGroup]) -> list[dict[str, Any]]:
+    """Counts of episodes by class or difficulty (a name) or by views (a number)."""
+    return [
+        {
+            by: int(group.name) if by.startswith("views") else group.name,
+            "episodes": group.episodes,
+            "right": group.right,
+            "wrong": group.episodes - group.right,
+            "accuracy": group.right / group.episodes if group.episodes else None,
+            **({} if by == "views" else {"mean_views": group.views}),
+        }
+        for group in groups
+    ]
+
+
+def _replace(path: Path, content: bytes) -> Path:
+    """Write under a temporary name, then rename."""
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_bytes(content)
+    temporary.replace(path)
+    return path

@@ -1,0 +1,1 @@
+"""What worlds are made of: meshes, embedded shapes, furnished rooms, and the ray caster that renders them."""

@@ -1,0 +1,133 @@
+"""An agent's hands: the environments it steps, and what they show written where predictors read it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from queue import SimpleQueue
+from typing import Any, Protocol
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from activelsd.envs.base import Observation
+from activelsd.errors import ConfigError
+from activelsd.train.actors.ga3c.slots import Slots
+
+Env = gymnasium.Env[Observation, np.int64]
+
+
+class Stepper(Protocol):
+    """Steps the environments of one agent, a lane of them at a time.
+
+    `go` is called by whoever has written the actions, everything else by the agent's thread.
+    """
+
+    def begin(self) -> None:
+        """Begin the first episodes."""
+
+    def go(self, lane: int) -> None:
+        """Have the actions in a lane's slots taken; an episode that ends is followed by the next."""
+
+    def wait(self) -> int:
+        """The next lane of which that is done, called before it or after."""
+
+    def close(self) -> None:
+        """Let go of the environments."""
+
+
+class LocalStepper:
+    """Plays environments of this process, one after the other."""
+
+    def __init__(self, make: Callable[[], Env], slots: Slots, agent: int, seed: int) -> None:
+        """Make the environments of an agent.
+
+        Raises:
+            ConfigError: they do not show or do what the network was built for.
+        """
+        layout = slots.layout
+        rows = [layout.row(agent, lane) for lane in range(layout.lanes)]
+        self._slots = [{name: array[row] for name, array in slots.arrays.items()} for row in rows]
+        self._envs: list[list[Env]] = [[] for _ in rows]
+        self._parts = tuple(layout.observation)
+        self._seed, self._told = seed, SimpleQueue[int]()
+        try:
+            for envs in self._envs:
+                for _ in range(layout.envs):
+                    envs.append(make())
+                    _check(envs[-1], slots)
+        except BaseException:
+            self.close()
+            raise
+
+    def begin(self) -> None:
+        """Begin the first episodes; the seeds of an agent's environments follow one another."""
+        seed = self._seed
+        for slots, envs in zip(self._slots, self._envs, strict=True):
+            for i, env in enumerate(envs):
+                observation, info = env.reset(seed=seed)
+                slots["reward"][i], slots["terminated"][i], slots["truncated"][i] = 0.0, False, False
+                slots["cut"][i] = False
+                self._show(slots, i, observation, info, first=True)
+                seed += 1
+
+    def go(self, lane: int) -> None:
+        """Let `wait` take the step: this thread has others to answer."""
+        self._told.put(lane)
+
+    def wait(self) -> int:
+        """Take the step when told to."""
+        lane = self._told.get()
+        self.step(lane)
+        return lane
+
+    def step(self, lane: int) -> None:
+        """Take an action in each environment of a lane."""
+        slots = self._slots[lane]
+        for i, env in enumerate(self._envs[lane]):
+            observation, reward, terminated, truncated, info = env.step(slots["action"][i])
+            slots["reward"][i], slots["terminated"][i], slots["truncated"][i] = reward, terminated, truncated
+            slots["cut"][i] = "cut" in info
+            if terminated or truncated:
+                observation, info = env.reset()
+            self._show(slots, i, observation, info, first=terminated or truncated)
+
+    def _show(
+        self,
+        slots: dict[str, NDArray[Any]],
+        i: int,
+        observation: Observation,
+        info: dict[str, Any],
+        *,
+        first: bool,
+    ) -> None:
+        for name in self._parts:
+            slots[name][i] = observation[name]
+        slots["mask"][i], slots["label"][i] = info["action_mask"], info["label"]
+        slots["views"][i], slots["first"][i] = info["views"], first
+
+    def close(self) -> None:
+        """Close the environments."""
+        for envs in self._envs:
+            for env in envs:
+                env.close()
+
+
+def check_actions(env: Env, actions: dict[str, Sequence[str]]) -> None:
+    """Refuse an environment whose tree is not the network's. Raises ConfigError."""
+    found = env.get_wrapper_attr("tree").to_dict()
+    if found != actions:
+        raise ConfigError(
+            f"The environment's actions {found} are not the network's {actions}; train a network for them."
+        )
+
+
+def _check(env: Env, slots: Slots) -> None:
+    layout, space = slots.layout, env.observation_space
+    assert isinstance(space, gymnasium.spaces.Dict)
+    found = {name: (box.shape or (), str(box.dtype)) for name, box in space.items()}
+    wanted = {name: (tuple(shape), dtype) for name, (shape, dtype) in layout.observation.items()}
+    if found != wanted:
+        raise ConfigError(
+            f"The environment shows {found}, but the network was built for {wanted}; make both alike."
+        )
