@@ -1,8 +1,8 @@
 """Parts by name: this package's own, and those that installed packages bring as entry points.
 
-A package brings a part by an entry point of the group `activelsd.<kind>`, for example
-`[project.entry-points."activelsd.trunks"] mine = "my_package:Mine"`. Parts are imported when they are asked for,
-in the process that asks; nothing else is ever imported because a config names it.
+A package brings a part by an entry point of the group `activelsd.<kind>s`, such as `mine =
+"my_package:Mine"` in the group `activelsd.trunks`. A part is imported when it is asked for, in the process
+that asks; nothing else is ever imported because a config names it.
 """
 
 from __future__ import annotations

@@ -17,7 +17,8 @@ class ActionTree:
     """Named branches of named actions.
 
     Actions are numbered branch after branch, in the order given: with `classify` first, class `i` is
-    action `i`. A user adds a move by giving its name, or a whole branch by giving its actions.
+    action `i`. Every action of another branch is a move. A user adds a move by giving its name, or a whole
+    branch by giving its actions.
 
     Attributes:
         branches: branch names, in order.
@@ -50,9 +51,12 @@ class ActionTree:
         self._index = {name: i for i, name in enumerate(self.names)}
 
     @classmethod
-    def answer_or_move(cls, classes: Iterable[str], moves: Iterable[str]) -> ActionTree:
-        """The paper's tree: `classify` over the classes, `navigate` over the moves."""
-        return cls({CLASSIFY: tuple(classes), NAVIGATE: tuple(moves)})
+    def answer_or_move(
+        cls, classes: Iterable[str], moves: Iterable[str] | Mapping[str, Sequence[str]]
+    ) -> ActionTree:
+        """`classify` over the classes, then the moves by branch; a plain list is the paper's `navigate`."""
+        branches = moves if isinstance(moves, Mapping) else {NAVIGATE: tuple(moves)}
+        return cls({CLASSIFY: tuple(classes), **branches})
 
     @property
     def names(self) -> tuple[tuple[str, str], ...]:
@@ -68,6 +72,11 @@ class ActionTree:
         """The slice of actions that a branch covers."""
         i = self.branches.index(branch)
         return slice(self._first[i], self._first[i + 1])
+
+    @property
+    def moves(self) -> slice:
+        """The slice of actions that are no answers; `classify` must be the first branch."""
+        return slice(self.span(CLASSIFY).stop, self.n)
 
     def to_dict(self) -> dict[str, list[str]]:
         """The tree as plain lists, for JSON and YAML."""

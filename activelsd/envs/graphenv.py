@@ -19,7 +19,7 @@ def tree_of(graph: ViewGraph) -> ActionTree:
     """The tree of a graph: its classes to answer with, its moves to make."""
     if not graph.move_names:
         raise DataError("This graph of views has no move; name at least one in `navigate`.")
-    return ActionTree.answer_or_move(graph.classes, graph.move_names)
+    return ActionTree.answer_or_move(graph.classes, graph.branches)
 
 
 class ViewGraphEnv(ActiveVisionEnv):

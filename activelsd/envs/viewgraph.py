@@ -19,8 +19,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.actions import NAVIGATE
 from activelsd.envs.episode import WHOLE_FRAME, Episode
-from activelsd.errors import DataError
+from activelsd.errors import ConfigError, DataError, did_you_mean
 
 SPLITS = ("train", "val", "test")
 FORMAT = "activelsd.viewgraph/1"
@@ -32,7 +33,7 @@ class ViewGraph:
 
     frames: NDArray[np.uint8]  # (V, S, S) gray
     moves: NDArray[np.int32]  # (V, n) view that each move leads to, -1 where it is blocked
-    move_names: tuple[str, ...]  # n
+    move_names: tuple[str, ...]  # n, unique; those of one branch stand together
     classes: tuple[str, ...]
     targets: tuple[str, ...]  # T names of the objects asked for
     labels: NDArray[np.int64]  # (T,) class of each target
@@ -42,6 +43,7 @@ class ViewGraph:
     start_view: NDArray[np.int32]  # (E,)
     start_target: NDArray[np.int32]  # (E,)
     start_split: NDArray[np.uint8]  # (E,) index into SPLITS
+    move_branches: tuple[str, ...] | None = None  # n, branch of the action tree of each move; None: navigate
     # (V, T) row of boxes, -1 out of sight; None where the target fills every frame
     pair_of: NDArray[np.int32] | None = None
     boxes: NDArray[np.float32] | None = None  # (P, 4) cx, cy, w, h as fractions of the frame
@@ -60,11 +62,36 @@ class ViewGraph:
         """Side of the frames in pixels."""
         return int(self.frames.shape[1])
 
-    def with_moves(self, names: Sequence[str]) -> ViewGraph:
-        """The graph with these of its moves, in this order."""
+    @property
+    def branches(self) -> dict[str, tuple[str, ...]]:
+        """The moves by their branch of the action tree, in the order of the columns of `moves`."""
+        branch_of = self.move_branches or (NAVIGATE,) * len(self.move_names)
+        found: dict[str, tuple[str, ...]] = {}
+        for branch, name in zip(branch_of, self.move_names, strict=True):
+            found[branch] = (*found.get(branch, ()), name)
+        return found
+
+    def with_moves(self, moves: Sequence[str] | Mapping[str, Sequence[str]]) -> ViewGraph:
+        """The graph with these of its moves, in this order, all `navigate` or by branch.
+
+        Raises:
+            ConfigError: the graph has no move of a name, or a name is given twice.
+        """
+        branches = moves if isinstance(moves, Mapping) else {NAVIGATE: moves}
+        pairs = [(branch, name) for branch, names in branches.items() for name in names]
+        names = tuple(name for _, name in pairs)
+        for name in names:
+            if name not in self.move_names:
+                raise ConfigError(f"There is no move '{name}' here; {did_you_mean(name, self.move_names)}")
+            if names.count(name) > 1:
+                raise ConfigError(f"The move '{name}' is named twice; name it once, in one branch.")
         columns = [self.move_names.index(name) for name in names]
-        moves = np.ascontiguousarray(self.moves[:, columns])
-        return replace(self, moves=moves, move_names=tuple(names))
+        return replace(
+            self,
+            moves=np.ascontiguousarray(self.moves[:, columns]),
+            move_names=names,
+            move_branches=tuple(branch for branch, _ in pairs) if branches.keys() != {NAVIGATE} else None,
+        )
 
     def starts(self, split: str) -> NDArray[np.int64]:
         """Rows of the places to start from in a split.
@@ -157,7 +184,7 @@ def join(graphs: Sequence[ViewGraph]) -> ViewGraph:
         )
         view, target = view + len(one.frames), target + len(one.targets)
         pair, scene = pair + len(one.boxes), scene + len(one.scenes)
-    shared = ("move_names", "classes", "difficulty_names")
+    shared = ("move_names", "move_branches", "classes", "difficulty_names")
     joined = {
         field.name: _joined([getattr(one, field.name) for one in renumbered])
         for field in fields(first)
