@@ -1,4 +1,4 @@
-"""The command line: verbs, and how each one's words become a config and calls.
+"""The command line: the verbs, and what each does with its words.
 
 Nothing heavy is imported at the start; every verb imports what it needs.
 """
@@ -24,7 +24,7 @@ WORDS = "words are group=preset (env=modelnet policy=paper), experiment=NAME or 
 
 
 SPINS = 1000
-"""How often one of PyTorch's threads looks for work before it sleeps, where libgomp runs them.
+"""How often a thread of PyTorch looks for work before it sleeps, if libgomp runs the threads.
 
 By itself it looks 300 times as often, which gains 4 % on idle cores. Where programs share cores, threads then
 wait for one that waits for a core: two trainings on two cores were ten times slower. Results are the same.
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"\nactivelsd: {how}", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # Whoever read the output has gone; Python's own flush at the end must not complain once more.
+        # The reader of the output has gone; Python's own flush at exit must not fail once more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     return code
@@ -129,7 +129,7 @@ def _dispatch(argv: list[str]) -> int:
 
 def _train(arguments: argparse.Namespace, words: list[str]) -> int:
     from activelsd.compose import sweep
-    from activelsd.config import dump
+    from activelsd.sections import dump
 
     if arguments.resume is not None:
         from activelsd.launch import resume, resumed_config
@@ -154,7 +154,7 @@ def _train(arguments: argparse.Namespace, words: list[str]) -> int:
 
 
 def _say(run: Path) -> None:
-    """Print the run's folder, once where several processes train it."""
+    """Print the run's folder; only the first of several processes that train it does so."""
     from activelsd.train.parallel import is_first
 
     if is_first():
@@ -163,7 +163,7 @@ def _say(run: Path) -> None:
 
 def _prepare(arguments: argparse.Namespace, words: list[str]) -> int:
     from activelsd.compose import resolve
-    from activelsd.config import dump
+    from activelsd.sections import dump
 
     config = resolve(words)
     if arguments.dry_run:
@@ -183,11 +183,10 @@ def _prepare(arguments: argparse.Namespace, words: list[str]) -> int:
 
 
 def _record(arguments: argparse.Namespace, words: list[str]) -> int:
-    from activelsd.build import WORLDS
     from activelsd.compose import resolve
 
     for name, world in resolve(words).worlds.items():
-        if not WORLDS[world.name].simulated:
+        if not world.simulated:
             raise UserError(
                 f"env={name} has no simulator to record; its views are made by: activelsd prepare env={name}"
             )
@@ -213,7 +212,7 @@ def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
 
 
 def _runs_and_settings(words: list[str]) -> tuple[list[str], list[str]]:
-    """Words without `=` are folders of runs; in `split=val` and the like `evaluate.` may be left out."""
+    """Split words into folders of runs and settings; `split=val` is short for `evaluate.split=val`."""
     from activelsd.config import EvaluateSettings
 
     settings = [word for word in words if "=" in word]
@@ -244,14 +243,26 @@ def _show(comparisons: list[Comparison], files: list[Path]) -> int:
 
 
 def _envs(arguments: argparse.Namespace, words: list[str]) -> int:
-    from activelsd.build import WORLDS
+    from textwrap import fill
+
+    from activelsd.registry import worlds
 
     _no_words("envs", words)
-    for name, world in WORLDS.items():
-        print(f"env={name}")
-        print(f"  Gymnasium  {world.environment}")
-        print(f"  moves      {', '.join(world.moves)}")
-        print(f"  datasets   {world.datasets}")
+    for name in worlds.names():
+        package = worlds.package(name)
+        print(f"env={name}" + (f"  ({' '.join(package)})" if package else ""))
+        try:
+            world = worlds.get(name)
+            about = {
+                "Gymnasium": f'activelsd/World-v0 world="{name}"',
+                "moves": ", ".join(world.moves()),
+                "shows": world.about,
+            }
+        except Exception as error:  # noqa: BLE001  a broken package must not hide the other worlds
+            why = error if isinstance(error, ActiveLSDError) else f"{type(error).__name__}: {error}"
+            about = {"broken": str(why)}
+        for what, text in about.items():
+            print(fill(text, 80, initial_indent=f"  {what:<11}", subsequent_indent=" " * 13))
     return 0
 
 

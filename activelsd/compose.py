@@ -1,49 +1,58 @@
-"""From words to a config: schema defaults < presets < `experiment=` < `key=value`, the last one wins.
+"""Composes a config from words: schema defaults < presets < `experiment=` < `key=value`, the last one wins.
 
-The weakest preset is what a world's own says of other groups: what learns best there.
+Between the defaults and the presets stands what a world says of other groups: what learns best there.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Collection, Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any, get_args, get_origin
 
 import yaml
-from pydantic import ValidationError
-from pydantic.fields import FieldInfo
 
-from activelsd.config import JOINT, RunConfig, defaults, dump, settings, worlds
+from activelsd import registry
+from activelsd.config import JOINT, RunConfig
 from activelsd.errors import ConfigError, did_you_mean
-from activelsd.presets import Setting, TextLoader, flatten, groups, preset_file, read_settings
-from activelsd.wording import refused_value, unknown_key
+from activelsd.presets import is_file, preset_file, read_settings
+from activelsd.sections import Schema, Setting, TextLoader, dump, flatten
 
 EXPERIMENT, ENV, ENV_NAME = "experiment", "env", "env.name"
+GROUPS = (ENV, EXPERIMENT, "policy", "train")
+
+RENAMED = {
+    "policy.features": "policy.trunk.features",
+    "train.supervised": "train.terms.supervised",
+    "train.guided": "train.terms.guided",
+}
+"""Settings of older runs by what they are called now."""
+
+VERSIONS = "versions.json"
+"""Beside a run's config: the versions of the packages that it was made with."""
 
 
-def resolve(words: Sequence[str], schema: type[RunConfig] = RunConfig) -> RunConfig:
+def resolve(words: Sequence[str]) -> RunConfig:
     """Compose a config from `group=preset`, `experiment=NAME or FILE` and `key=value` words.
 
     An experiment's file says what the command line would: presets of groups by name, and keys. A preset on
     the command line takes the place of the one that the experiment names for that group. `env` may list
-    presets of several worlds, for one network that plays them all.
+    several worlds, for one network that plays them all.
 
     Raises:
         ConfigError: a group, preset, key or value is not one there is.
     """
-    known = groups()
     presets: dict[str, Setting] = {}
     keys: dict[str, Setting] = {}
     for key, setting in map(_split_word, words):
-        (presets if key in known else keys)[key] = setting
+        (presets if key in GROUPS else keys)[key] = setting
 
     written: dict[str, Setting] = {}
     if EXPERIMENT in presets:
         file = preset_file(EXPERIMENT, presets.pop(EXPERIMENT))
         for key, setting in read_settings(file).items():
-            if key in known:
+            if key in GROUPS:
                 presets.setdefault(key, setting)
             else:
                 written[key] = setting
@@ -51,19 +60,20 @@ def resolve(words: Sequence[str], schema: type[RunConfig] = RunConfig) -> RunCon
 
     layers: dict[str, Setting] = {}
     for group, setting in presets.items():
-        several = _listed(setting) if group == ENV else []
-        if len(several) > 1:
-            layers |= _joint_layers(several)
-        else:
-            layers |= read_settings(preset_file(group, *several or [setting]), prefix=f"{group}.")
-    layers = _advice(layers, known) | layers
-    members = _members(layers | written | keys, schema)
-    return _validate(layers | _spread(written, members, schema) | _spread(keys, members, schema), schema)
+        own = (
+            _env_layers(setting) if group == ENV else read_settings(preset_file(group, setting), f"{group}.")
+        )
+        layers |= own
+    layers = _advice_in_files(layers) | layers
+    members = _members(layers | written | keys)
+    layers |= _spread(written, members, layers) | _spread(keys, members, layers)
+    config = _build(_worlds_advice(layers, members) | layers)
+    for kind, name in config.parts():
+        kind.check(name)
+    return config
 
 
-def sweep(
-    words: Sequence[str], sweeps: Sequence[str], schema: type[RunConfig] = RunConfig
-) -> list[RunConfig]:
+def sweep(words: Sequence[str], sweeps: Sequence[str]) -> list[RunConfig]:
     """A config per combination of `key=a,b,c` sweeps, named after its values; without any, just one."""
     axes = []
     for key, setting in map(_split_word, sweeps):
@@ -71,22 +81,56 @@ def sweep(
         axes.append([f"{key}={value}" for value in values])
     configs = []
     for combination in product(*axes):
-        config = resolve([*words, *combination], schema)
+        config = resolve([*words, *combination])
         if combination:
-            tails = (re.sub(r"[^\w.+-]+", "-", word.rpartition(".")[2]).strip("-") for word in combination)
+            tails = (_tail(word) for word in combination)
             name = "-".join([config.title, *tails])
             config = config.model_copy(update={"name": name})
         configs.append(config)
     return configs
 
 
-def load(file: Path, schema: type[RunConfig] = RunConfig) -> RunConfig:
-    """Read a resolved config, as `dump` writes it.
+def _tail(word: str) -> str:
+    """The last part of a key and its value, as a part of a file's name."""
+    key, _, value = word.partition("=")
+    return re.sub(r"[^\w.+-]+", "-", f"{key.rpartition('.')[2]}={value}").strip("-")
+
+
+def load(file: Path) -> RunConfig:
+    """Read a resolved config, as `dump` writes it; settings of older runs are read by their new names.
 
     Raises:
-        ConfigError: the file is missing or does not fit the schema.
+        ConfigError: the file is missing or does not fit the schema, or a part is not installed here.
     """
-    return _validate(read_settings(file), schema)
+    layers = {RENAMED.get(key, key): setting for key, setting in read_settings(file).items()}
+    trunk = layers.get("policy.trunk", Setting("compact")).value
+    if trunk != "compact" and "policy.trunk.kind" not in layers:  # AlexNet's width was never a setting
+        layers.pop("policy.trunk.features", None)
+    try:
+        return _build(_whole(layers))
+    except ConfigError:
+        check_parts(file.parent)
+        raise
+
+
+def check_parts(folder: Path) -> None:
+    """Check that the packages are installed here which brought the parts of a run, where that is known.
+
+    Raises:
+        ConfigError: one is not.
+    """
+    kinds = {one.kind: one for one in registry.ALL}
+    try:
+        parts: dict[str, str] = json.loads((folder / VERSIONS).read_text())["parts"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    for part, package in parts.items():
+        kind, _, name = part.rpartition(" ")
+        if kind in kinds and name not in kinds[kind].names():
+            raise ConfigError(
+                f"{folder} was made with the {kind} '{name}' of the package {package}, which is not installed"
+                f" here; install it with: pip install {package.split()[0]}"
+            )
 
 
 def change(config: RunConfig, words: Sequence[str], allowed: Collection[str], why: str) -> RunConfig:
@@ -101,14 +145,21 @@ def change(config: RunConfig, words: Sequence[str], allowed: Collection[str], wh
     Raises:
         ConfigError: a key or value is not one there is, or the key may not be changed.
     """
-    now = flatten(yaml.load(dump(config), TextLoader))
+    layers = {key: Setting(value) for key, value in flatten(yaml.load(dump(config), TextLoader))}
     keys = dict(map(_split_word, words))
-    layers, schema = {key: Setting(value, None) for key, value in now}, type(config)
-    changed = _validate(layers | _spread(keys, _members(layers, schema), schema), schema)
+    changed = _build(_whole(layers) | _spread(keys, _members(layers), layers))
     for key in keys:
         if not any(key == name or key.startswith(f"{name}.") for name in allowed):
             raise ConfigError(f"{key} cannot be changed here, {why}; what can: {', '.join(allowed)}.")
     return changed
+
+
+def _whole(layers: dict[str, Setting]) -> dict[str, Setting]:
+    """The layers of a dumped config, whose dicts are complete: entries of their defaults are not added."""
+    fields = Schema(RunConfig, layers).fields if ENV_NAME in layers else {}
+    dicts = (key for key, field in fields.items() if isinstance(field.default, dict))
+    given = {key for key in dicts if any(name.startswith(f"{key}.") for name in layers)}
+    return {key: Setting({}) for key in given} | layers
 
 
 def _split_word(word: str) -> tuple[str, Setting]:
@@ -118,137 +169,149 @@ def _split_word(word: str) -> tuple[str, Setting]:
     return key, Setting(text, None)
 
 
-def _listed(setting: Setting) -> list[Setting]:
-    """The presets of `env=modelnet,avd`, which a file may write as a list."""
+def _env_layers(setting: Setting) -> dict[str, Setting]:
+    """The settings that `env=modelnet`, `env=FILE.yaml` or `env=modelnet,avd` stands for.
+
+    Several worlds stand each below its own name. A file may write them as a list.
+    """
     listed = setting.value
     if not isinstance(listed, list):
         text = str(listed)
         listed = text.removeprefix("[").removesuffix("]").split(",") if "," in text else [text]
-    return [Setting(str(name).strip(), setting.file) for name in listed]
-
-
-def _joint_layers(presets: Sequence[Setting]) -> dict[str, Setting]:
-    """The settings of several worlds, each below the name of its preset."""
-    layers = {f"{ENV}.name": Setting(JOINT, presets[0].file)}
-    for setting in presets:
-        file = preset_file(ENV, setting)
-        world = read_settings(file, prefix=f"{ENV}.{file.stem}.")
-        if f"{ENV}.{file.stem}.name" in layers:
+    worlds = [Setting(str(name).strip(), setting.file) for name in listed]
+    if len(worlds) == 1:
+        return _world_layers(worlds[0], f"{ENV}.")
+    layers = {ENV_NAME: Setting(JOINT, setting.file)}
+    for world in worlds:
+        name = Path(world.value).stem if is_file(world.value) else world.value
+        if f"{ENV}.{name}.name" in layers:
+            raise ConfigError(f"{ENV} names '{name}' twice{setting.place}; name each world once.")
+        own = _world_layers(world, f"{ENV}.{name}.")
+        if not name.isidentifier() or name in ("name", "size"):
             raise ConfigError(
-                f"{ENV} names '{file.stem}' twice{setting.place}; give each world its own preset."
+                f"{world.value} cannot name a world of a joint run; name the file as in kitchen.yaml."
             )
-        if not file.stem.isidentifier() or file.stem in ("name", "size"):
-            raise ConfigError(f"{file} cannot name a world of a joint run; name the file as in kitchen.yaml.")
-        if f"{ENV}.{file.stem}.name" not in world:
-            raise ConfigError(f"{file} does not say which world it is for; add a line as in name: modelnet.")
-        layers |= world
+        layers |= own
     return layers
 
 
-def _advice(layers: dict[str, Setting], known: Collection[str]) -> dict[str, Setting]:
-    """What worlds' presets say of other groups, taken out of the layers; of several the first counts."""
+def _world_layers(world: Setting, prefix: str) -> dict[str, Setting]:
+    """A world's settings from its file, or nothing but its name."""
+    if is_file(world.value):
+        own = read_settings(Path(world.value).expanduser(), prefix)
+        if f"{prefix}name" not in own:
+            raise ConfigError(
+                f"{world.value} does not say which world it is for; add a line as in name: modelnet."
+            )
+        return own
+    _check_world(world)
+    return {f"{prefix}name": world}
+
+
+def _check_world(world: Setting) -> None:
+    registry.worlds.check(str(world.value), world.place)
+
+
+def _advice_in_files(layers: dict[str, Setting]) -> dict[str, Setting]:
+    """Moves keys such as `train.gamma` out of files of worlds; if two worlds set one key, the first wins."""
     advice: dict[str, Setting] = {}
     for key in list(layers):
-        found = re.fullmatch(rf"{ENV}\.(?:\w+\.)?(({'|'.join(known)})\.[\w.]+)", key)
-        if found and found[2] != ENV:
+        found = re.fullmatch(rf"{ENV}\.(?:\w+\.)?((?:policy|train)\.[\w.]+)", key)
+        if found:
             advice.setdefault(found[1], layers.pop(key))
     return advice
 
 
-def _members(layers: Mapping[str, Setting], schema: type[RunConfig]) -> dict[str, str]:
-    """Which world each name of a joint run stands for; nothing for a run of one world."""
+def _worlds_advice(layers: Mapping[str, Setting], members: Mapping[str, str]) -> dict[str, Setting]:
+    """What worlds advise for other groups; if two worlds advise on one key, the first wins.
+
+    Advice for a part of the network does not hold for another part, where the layers name one.
+    """
+    named = layers.get(ENV_NAME)
+    kinds = list(members.values()) or ([] if named is None else [str(named.value)])
+    advice: dict[str, Setting] = {}
+    for kind in kinds:
+        for key, value in registry.worlds.get(kind).advice.items():
+            advice.setdefault(key, Setting(value, f"the advice of the world {kind}"))
+    schema, chosen = Schema(RunConfig, {**advice, **layers}), {key.removesuffix(".kind") for key in layers}
+    lost = [key for key in advice if key.rpartition(".")[0] in chosen and schema.find(key) is None]
+    return {key: setting for key, setting in advice.items() if key not in lost}
+
+
+def _members(layers: Mapping[str, Setting]) -> dict[str, str]:
+    """The world that each name of a joint run stands for; nothing for a run of one world."""
     if ENV_NAME not in layers or layers[ENV_NAME].value != JOINT:
+        if ENV_NAME in layers:
+            _check_world(layers[ENV_NAME])
         return {}
     found = ((re.fullmatch(rf"{ENV}\.(\w+)\.name", key), setting) for key, setting in layers.items())
-    return {match[1]: _world(setting, schema) for match, setting in found if match}
-
-
-def _world(setting: Setting, schema: type[RunConfig]) -> str:
-    name, by_world = str(setting.value), worlds(schema)
-    if name not in by_world:
-        raise ConfigError(f"There is no world '{name}'{setting.place}; {did_you_mean(name, by_world)}")
-    return name
+    worlds = {match[1]: setting for match, setting in found if match}
+    for setting in worlds.values():
+        _check_world(setting)
+    return {name: str(setting.value) for name, setting in worlds.items()}
 
 
 def _spread(
-    keys: Mapping[str, Setting], members: Mapping[str, str], schema: type[RunConfig]
+    keys: Mapping[str, Setting], members: Mapping[str, str], layers: Mapping[str, Setting]
 ) -> dict[str, Setting]:
     """In a joint run `env.size` is meant for every world that has it; `env.avd.size` is for one, and wins."""
-    known = {name: settings(worlds(schema)[world], world, f"{ENV}.") for name, world in members.items()}
+    if not members:
+        return dict(keys)
+    schema = Schema(RunConfig, {**layers, **keys})
     shared: dict[str, Setting] = {}
     own: dict[str, Setting] = {}
     for key, setting in keys.items():
-        those = [name for name in known if key in known[name] and key != ENV_NAME]
-        shared |= {f"{ENV}.{name}.{key.removeprefix(f'{ENV}.')}": setting for name in those}
+        inside = [f"{ENV}.{name}.{key.removeprefix(f'{ENV}.')}" for name in members]
+        those = [one for one in inside if key.startswith(f"{ENV}.") and schema.find(one) and key != ENV_NAME]
+        shared |= dict.fromkeys(those, setting)
         if not those:
             own[key] = setting
     return shared | own
 
 
-def _validate(layers: Mapping[str, Setting], schema: type[RunConfig]) -> RunConfig:
+def _build(layers: Mapping[str, Setting]) -> RunConfig:
     """Put the layers' values upon the schema's defaults, each converted by its field's type."""
-    by_world = worlds(schema)
     if ENV_NAME not in layers:
         # A misspelled `env` is the likelier mistake where there is a word that means nothing.
+        one = next(iter(registry.worlds.names()))
         for key, setting in layers.items():
             top = key.partition(".")[0]
-            if top not in schema.model_fields:
-                hint = did_you_mean(top, schema.model_fields, f"add env={next(iter(by_world))}.")
+            if top not in RunConfig.model_fields:
+                hint = did_you_mean(top, RunConfig.model_fields, f"add env={one}.")
                 raise ConfigError(f"{key} is not a setting{setting.place}; {hint}")
-        one = next(iter(by_world))
-        raise ConfigError(f"No world is named; add env={one} (there are {', '.join(by_world)}).")
-    members = _members(layers, schema)
-    world = JOINT if members else _world(layers[ENV_NAME], schema)
-
-    known, tree = settings(schema, world), defaults(schema, world)
-    for name, kind in members.items():
-        known |= settings(by_world[kind], kind, f"{ENV}.{name}.")
-        tree[ENV][name] = defaults(by_world[kind], kind)
-    for written, setting in layers.items():
-        # A group that has kinds may be set to one by its own name: env.dataset=sample.
-        key = written if f"{written}.kind" not in known else f"{written}.kind"
-        if key not in known:
-            for kind in members.values():  # what may be said to all worlds at once is worth a hint too
-                known |= settings(by_world[kind], kind, f"{ENV}.")
-            elsewhere = {other: settings(schema, other) for other in by_world if other != world}
-            raise ConfigError(unknown_key(key, setting.place, world, known, elsewhere))
-        *sections, leaf = key.split(".")
-        node = tree
-        for name in sections:
-            node = node[name]
-        node[leaf] = _typed(setting, known[key])
+        raise ConfigError(
+            f"No world is named; add env={one} (there are {', '.join(registry.worlds.names())})."
+        )
+    members = _members(layers)
+    schema = Schema(RunConfig, layers)
     try:
-        return schema.model_validate(tree)
-    except ValidationError as refused:
-        error = refused.errors()[0]
-    parts = [part for part in error["loc"] if isinstance(part, str)]
-    # Where there is a union of worlds, pydantic names the one it tried.
-    if parts[:2] == [ENV, world]:
-        del parts[1]
-    if len(parts) > 2 and members.get(parts[1]) == parts[2]:
-        del parts[2]
-    key = ".".join(parts)
-    if key not in known:  # a rule between settings, worded by the schema
-        raise ConfigError(f"{error['msg'].removeprefix('Value error, ')}.")
-    setting = layers.get(key, Setting(error["input"], None))
-    raise ConfigError(refused_value(key, setting.value, setting.place, known[key], error))
+        config: RunConfig = schema.build()
+    except KeyError as unknown:
+        key = str(unknown.args[0])
+        raise ConfigError(_unknown_key(key, layers[key].place, schema, layers, members)) from None
+    return config
 
 
-def _typed(setting: Setting, field: FieldInfo) -> Any:
-    """What a text means to a field, beyond what the schema converts by itself."""
-    text, kinds = setting.value, get_args(field.annotation) or (field.annotation,)
-    if not isinstance(text, str):
-        return text
-    if setting.file is None and text in ("null", "~"):
-        return None
-    if setting.file is None and any(
-        (get_origin(kind) or kind) in (list, tuple) for kind in (field.annotation, *kinds)
-    ):
-        # On the command line a list may leave out its brackets: env.navigate=orbit_cw,orbit_ccw.
-        try:
-            return yaml.load(text if text.startswith("[") else f"[{text}]", TextLoader)
-        except yaml.YAMLError:
-            return text
-    if int in kinds and re.fullmatch(r"\d+(\.\d+)?[eE]\+?\d+", text) and float(text).is_integer():
-        return int(float(text))  # 2e6 is a whole number to everyone but int()
-    return text
+def _unknown_key(
+    key: str, place: str, schema: Schema, layers: Mapping[str, Setting], members: Mapping[str, str]
+) -> str:
+    """What to say of a key that a run's settings do not have."""
+    if key in RENAMED:
+        return f"{key} is called {RENAMED[key]} now{place}."
+    world = layers[ENV_NAME].value
+    # Keys that hold for all members, and those of this package's other worlds, are worth a hint too.
+    kinds = (*members.values(), *registry.worlds.own())
+    alone = {kind: Schema(RunConfig, {ENV_NAME: Setting(kind)}) for kind in kinds}
+    for other, its in alone.items() if key.startswith(f"{ENV}.") else ():
+        if its.find(key) and other != world and other not in members.values():
+            return f"{key} is a setting of the world {other}, and this run's world is {world}{place}."
+    known = [name for one in (schema, *map(alone.get, members.values())) if one for name in one.names()]
+    inside = [name for name in known if name.startswith(f"{key}.")]
+    if inside:
+        return f"{key} is a group of settings{place}; set one of {', '.join(inside)}."
+    tops = {name.partition(".")[0] for name in known}
+    # The right name in the wrong place, as in gamma=0.9 or env.gamma=0.9, is nearer than any other.
+    meant = [name for name in known if name.rpartition(".")[2] == key.rpartition(".")[2]]
+    hint = f"did you mean {meant[0]}?" if len(meant) == 1 else ""
+    hint = hint or did_you_mean(key, [*known, *sorted(tops), EXPERIMENT], "--dry-run lists all there are.")
+    return f"{key} is not a setting{place}; {hint}"

@@ -1,4 +1,4 @@
-"""What the command line shows while something long is under way."""
+"""Progress lines and notices of the command line."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from contextlib import contextmanager
 from typing import IO
 
 EVERY = 5.0
-"""Seconds between two lines where there is no terminal to draw on."""
+"""Seconds between two progress lines if the output is not a terminal."""
 
 
 def notice(text: str) -> None:
-    """Say something that is not the command's result."""
+    """Writes a message to standard error, which keeps it apart from the command's result."""
     sys.stderr.write(f"{text}\n")
 
 
 @contextmanager
 def progress(what: str, stream: IO[str] | None = None) -> Iterator[Callable[[int, int], None]]:
-    """A callback of (done, total) that shows how far something is, from its first call on.
+    """Gives a callback (done, total) that shows progress, from its first call on.
 
-    On a terminal a bar is drawn, elsewhere a plain line is written every few seconds.
+    On a terminal it draws a bar; elsewhere it writes a plain line every few seconds.
     """
     stream = stream or sys.stderr
     if stream.isatty():
@@ -54,17 +54,17 @@ def _bar(what: str, stream: IO[str]) -> Iterator[Callable[[int, int], None]]:
 
 def _lines(what: str, stream: IO[str]) -> Callable[[int, int], None]:
     began = time.monotonic()
-    shown = -EVERY
+    last_shown = -EVERY
 
     def show(done: int, total: int) -> None:
-        nonlocal shown
+        nonlocal last_shown
         now = time.monotonic()
-        if now - shown < EVERY and done < total:
+        if now - last_shown < EVERY and done < total:
             return
-        shown = now
+        last_shown = now
         left = (now - began) / done * (total - done) if done else 0.0
-        after = f", about {left:.0f} s left" if done and done < total else ""
-        stream.write(f"{what}: {done} of {total}{after}\n")
+        remaining = f", about {left:.0f} s left" if done and done < total else ""
+        stream.write(f"{what}: {done} of {total}{remaining}\n")
         stream.flush()
 
     return show

@@ -1,19 +1,20 @@
-"""From runs' folders to a comparison: their worlds opened, baselines beside them, the files written."""
+"""Compares runs, given by their folders, with each other and with players, and writes the result files."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from activelsd.build import build_backend, build_device, build_graph, build_rules
+from activelsd import registry
+from activelsd.build import build_device
 from activelsd.compose import change, load
-from activelsd.config import RunConfig, World
+from activelsd.config import RunConfig
 from activelsd.console import progress
 from activelsd.envs.graphenv import tree_of
+from activelsd.envs.settings import WorldSettings
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import RunError
 from activelsd.evaluate import result_files
-from activelsd.evaluate.baselines import check_baseline
 from activelsd.evaluate.compare import Comparison, Entrant, compare
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
@@ -21,24 +22,24 @@ from activelsd.policy.transfer import narrow
 from activelsd.train.run import CONFIG, Run
 
 CHANGEABLE = ("evaluate", "device", "threads", "env.cache")
-"""What may be set anew when a run is measured."""
+"""Settings that may be changed when a run is measured."""
 
-AS_PLAYED = {"navigate", "rules", "cache"}
-"""Settings of a world that do not change what its episodes are about."""
+AS_PLAYED = {"navigate", "branches", "rules", "cache"}
+"""Settings of a world that its list of episodes does not depend on."""
 
 RUNS = Path("runs")
-"""Where the newest run is looked for when none is named."""
+"""Folder in which the newest run is used if none is named."""
 
 
 def evaluate(folders: Sequence[str], words: Sequence[str]) -> tuple[list[Comparison], list[Path]]:
-    """Measure one run by itself; what is written, `evaluation.json` and so on, leaves comparisons alone."""
+    """Measure one run; writes `evaluation.json` and so on, and does not overwrite comparisons."""
     return _play(folders, (), words, "evaluation")
 
 
 def contest(
     folders: Sequence[str], baselines: Sequence[str], words: Sequence[str]
 ) -> tuple[list[Comparison], list[Path]]:
-    """Play runs and baselines on the same episodes, and write what came of it into the first run's folder.
+    """Play runs and players on the same episodes, and write the results into the first run's folder.
 
     Args:
         folders: of runs; the first is what the others are compared with. None: the newest in `./runs`.
@@ -54,8 +55,8 @@ def contest(
 def _play(
     folders: Sequence[str], baselines: Sequence[str], words: Sequence[str], stem: str
 ) -> tuple[list[Comparison], list[Path]]:
-    for name in baselines:  # before anything is opened: worlds take a while
-        check_baseline(name)
+    for name in baselines:  # unknown names are reported first, because opening worlds takes a while
+        registry.players.get(name)
     runs = [Run(Path(folder)) for folder in folders] or [Run.newest(RUNS)]
     configs = [
         change(load(run.folder / CONFIG), words, CHANGEABLE, "a run is measured in its own world")
@@ -66,17 +67,18 @@ def _play(
     names = ["trained"] if len(runs) == 1 else [run.folder.name for run in runs]
     networks = [load_network(run.checkpoint, device) for run in runs]
     playing = _playing(names, configs)
-    graphs: dict[World, ViewGraph] = {}
+    graphs: dict[str, ViewGraph] = {}
     comparisons: list[Comparison] = []
     written: list[Path] = []
     for world, players in playing.items():
         entrants = []
         for i, settings in players.items():
-            if settings not in graphs:  # runs of the same world share its views
+            views = settings.model_dump_json()
+            if views not in graphs:  # runs of the same world share its views
                 with progress("Preparing views") as show:
-                    graphs[settings] = build_graph(settings, show)
+                    graphs[views] = settings.open(show)
             joint = len(configs[i].worlds) > 1
-            entrants.append(_entrant(names[i], networks[i], world, settings, graphs[settings], joint=joint))
+            entrants.append(_entrant(names[i], networks[i], world, settings, graphs[views], joint=joint))
         with progress("Playing episodes") as show:
             comparison = compare(
                 entrants,
@@ -94,10 +96,10 @@ def _play(
     return comparisons, written
 
 
-def _playing(names: Sequence[str], configs: Sequence[RunConfig]) -> dict[str, dict[int, World]]:
-    """Per world of the first run, the runs that play in it, by their number, with their settings of it."""
+def _playing(names: Sequence[str], configs: Sequence[RunConfig]) -> dict[str, dict[int, WorldSettings]]:
+    """For each world of the first run: the runs that play in it, by index, and their settings there."""
     first, *others = (config.worlds for config in configs)
-    playing: dict[str, dict[int, World]] = {name: {0: world} for name, world in first.items()}
+    playing: dict[str, dict[int, WorldSettings]] = {name: {0: world} for name, world in first.items()}
     for i, worlds in enumerate(others, 1):
         shared = _shared(first, worlds)
         if not shared:
@@ -110,9 +112,11 @@ def _playing(names: Sequence[str], configs: Sequence[RunConfig]) -> dict[str, di
     return playing
 
 
-def _shared(ours: Mapping[str, World], theirs: Mapping[str, World]) -> dict[str, World]:
-    """Their settings of the worlds that are ours too, by our names: those of the same views, else names."""
-    if len(ours) == len(theirs) == 1:  # of one world each: what differs is told better by their episodes
+def _shared(
+    ours: Mapping[str, WorldSettings], theirs: Mapping[str, WorldSettings]
+) -> dict[str, WorldSettings]:
+    """Their worlds that are also ours, by our names: those with the same settings, else the same names."""
+    if len(ours) == len(theirs) == 1:  # their episodes tell better what differs
         return dict(zip(ours, theirs.values(), strict=True))
     same = {
         name: world
@@ -124,14 +128,14 @@ def _shared(ours: Mapping[str, World], theirs: Mapping[str, World]) -> dict[str,
 
 
 def _entrant(
-    name: str, network: LSDNet, world: str, settings: World, graph: ViewGraph, *, joint: bool
+    name: str, network: LSDNet, world: str, settings: WorldSettings, graph: ViewGraph, *, joint: bool
 ) -> Entrant:
-    """A run in one of its worlds, with the actions that are known there."""
+    """A run in one of its worlds, with its network restricted to that world's actions."""
     return Entrant(
         name=name,
         network=narrow(network, tree_of(graph)) if joint else network,
         graph=graph,
-        rules=build_rules(settings.rules),
+        rules=settings.rules.rules(),
         world=world,
-        backend=build_backend(settings),
+        backend=settings.made_by(),
     )

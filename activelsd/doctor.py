@@ -1,4 +1,4 @@
-"""What this machine offers: versions, cores, a GPU, a cache that can be written, AI2-THOR, the newest run."""
+"""Reports on this machine: package versions, CPU cores, GPU, cache folder, AI2-THOR and the newest run."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import torch
 
+from activelsd import registry
 from activelsd.envs.cache import default_cache
 from activelsd.envs.cores import cores
 from activelsd.envs.thor.installation import (
@@ -27,7 +28,7 @@ from activelsd.train.run import Run
 
 
 class Finding(NamedTuple):
-    """One line of the report."""
+    """One line of the report; `good` is False if something must be fixed."""
 
     what: str
     state: str
@@ -35,16 +36,17 @@ class Finding(NamedTuple):
 
 
 def examine(runs: Path) -> Iterator[Finding]:
-    """Look at everything the package leans on.
+    """Checks everything that the package depends on.
 
     Args:
-        runs: folder of runs.
+        runs: folder of the runs.
     """
     yield Finding("python", f"{platform.python_version()} on {platform.platform()}")
     yield from _packages()
     yield Finding("cores", str(cores()))
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else "no CUDA device, the CPU is used"
-    yield Finding("device", f"{gpu}; {torch.get_num_threads()} threads of PyTorch")
+    yield Finding("device", f"{gpu}; {torch.get_num_threads()} PyTorch threads")
+    yield from _parts()
     yield _cache(default_cache())
     yield from _thor()
     try:
@@ -54,16 +56,16 @@ def examine(runs: Path) -> Iterator[Finding]:
 
 
 def _packages() -> Iterator[Finding]:
-    """The installed version of every package that this one requires."""
+    """Yields the installed version of every required package."""
     try:
-        wanted = [line for line in requires("activelsd") or [] if "extra ==" not in line]
+        required = [line for line in requires("activelsd") or [] if "extra ==" not in line]
         yield Finding("activelsd", version("activelsd"))
     except PackageNotFoundError:
         yield Finding(
             "activelsd", "not installed; run from its folder: pip install -c constraints.txt -e .", False
         )
         return
-    for line in sorted(wanted):
+    for line in sorted(required):
         name = re.split(r"[^\w.-]", line, maxsplit=1)[0]
         try:
             yield Finding(name, version(name))
@@ -71,26 +73,41 @@ def _packages() -> Iterator[Finding]:
             yield Finding(name, f"missing; install it with: pip install '{line}'", False)
 
 
+def _parts() -> Iterator[Finding]:
+    """The parts that other packages bring."""
+    for kind in registry.ALL:
+        for name in kind.installed():
+            what = f"{kind.kind} {name}"
+            if name in kind.own():
+                yield Finding(what, "another package's has no effect, since activelsd has its own", False)
+                continue
+            try:
+                kind.get(name)
+                yield Finding(what, " ".join(kind.package(name) or ("an unknown package",)))
+            except ConfigError as error:
+                yield Finding(what, str(error), False)
+
+
 def _cache(folder: Path) -> Finding:
-    """Whether the nearest folder there is can be written; nothing is left behind."""
+    """Whether the cache folder, or its nearest existing parent, is writable; leaves no file behind."""
     nearest = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
     try:
         with tempfile.TemporaryFile(dir=nearest):
             pass
     except OSError as error:
-        return Finding("cache", f"{folder} cannot be written ({error.strerror}); set ACTIVELSD_CACHE", False)
+        return Finding("cache", f"{folder} is not writable ({error.strerror}); set ACTIVELSD_CACHE", False)
     return Finding("cache", f"{folder}, writable")
 
 
 def _thor() -> Iterator[Finding]:
-    """What there is of AI2-THOR, which is optional."""
+    """Yields what is installed of AI2-THOR, which is optional."""
     try:
         build = find_build(choose_platform())
     except ConfigError:
-        yield Finding("AI2-THOR", f"not installed, and needed only for its own rooms: {INSTALL}")
+        yield Finding("AI2-THOR", f"not installed; only its own rooms need it: {INSTALL}")
         return
     yield Finding("AI2-THOR", version("ai2thor"))
-    get = f"not downloaded, 800 MB: {download_command(choose_platform())}"
-    yield Finding("AI2-THOR build", get if build is None else str(build))
+    missing = f"not downloaded (800 MB); download it with: {download_command(choose_platform())}"
+    yield Finding("AI2-THOR build", missing if build is None else str(build))
     display = os.environ.get("DISPLAY") or "no DISPLAY"
-    yield Finding("AI2-THOR draws on", f"{display}, {'Vulkan' if has_vulkan() else 'no Vulkan'}")
+    yield Finding("AI2-THOR display", f"{display}, {'Vulkan' if has_vulkan() else 'no Vulkan'}")

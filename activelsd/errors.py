@@ -1,4 +1,4 @@
-"""Errors whose message is meant for the user: one sentence, what is wrong and the way out."""
+"""Errors for the user; the message is one sentence that says what is wrong and what to do."""
 
 from __future__ import annotations
 
@@ -7,23 +7,27 @@ from difflib import get_close_matches
 
 
 class ActiveLSDError(Exception):
-    """Root of every error this package raises on purpose; the command line exits with `exit_code`."""
+    """Base class of the errors this package raises on purpose; the command line exits with `exit_code`."""
 
     exit_code = 1
 
 
 class UserError(ActiveLSDError):
-    """Raised when the mistake is the user's: a wrong setting, path or file. Exit code 2."""
+    """Raised when the user can fix the cause: a wrong setting, path or file. Exit code 2."""
 
     exit_code = 2
 
 
 class ConfigError(UserError):
-    """Raised when a setting's name or value is not one the schema knows."""
+    """Raised when a setting has an unknown name or an invalid value."""
 
 
 class DataError(UserError):
-    """Raised when a dataset, mesh, cache or recording is missing, empty, truncated or foreign."""
+    """Raised when a dataset, mesh, cache or recording is missing, empty, truncated or in another format."""
+
+
+class CacheError(DataError):
+    """Raised when the cache cannot be written: what is wrong is not the data."""
 
 
 class RunError(UserError):
@@ -31,19 +35,19 @@ class RunError(UserError):
 
 
 class TrainingError(ActiveLSDError):
-    """Raised when training cannot go on, for example because the loss is no longer finite."""
+    """Raised when training cannot continue, for example because the loss is no longer finite."""
 
 
 class SimulatorLost(ActiveLSDError):
-    """Raised when a simulator died, hung or talked nonsense; nothing is left, and a reset starts another."""
+    """Raised when a simulator died, hung or sent invalid data; it is closed, a reset starts a new one."""
 
 
 class SimulatorError(ActiveLSDError):
-    """Raised when a simulator was lost so often that starting it once more makes no sense."""
+    """Raised when a simulator was lost so often that it is not started again."""
 
 
 def did_you_mean(word: str, known: Iterable[str], otherwise: str | None = None) -> str:
-    """The end of a sentence about an unknown word: the nearest right one, else `otherwise` or them all."""
+    """The end of a sentence about an unknown word: the closest known word, else `otherwise` or all words."""
     names = list(known)
     near = get_close_matches(word, names, 1)
     if near:

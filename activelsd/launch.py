@@ -1,4 +1,4 @@
-"""From a run's config to a trained run: worlds prepared, parts built, the trainer called."""
+"""Trains the run that a config describes: prepares its worlds, builds its parts and calls the trainer."""
 
 from __future__ import annotations
 
@@ -7,45 +7,40 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from activelsd.build import (
-    STAND_INS,
-    build_actors,
-    build_device,
-    build_graph,
-    build_shape,
-    build_threads,
-    open_recordings,
-)
-from activelsd.compose import change, load
-from activelsd.config import RunConfig, World, dump
+from activelsd.build import build_actors, build_device, build_shape, build_threads, open_recordings
+from activelsd.compose import change, check_parts, load
+from activelsd.config import RunConfig
 from activelsd.console import notice, progress
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.joint import OpenWorld, union
+from activelsd.envs.settings import WorldSettings
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import ConfigError, RunError, UserError
 from activelsd.evaluate.compare import measure
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.policy.transfer import narrow, transfer
+from activelsd.registry import UnknownPartError
+from activelsd.sections import dump
 from activelsd.train.parallel import ALONE, Group
 from activelsd.train.run import CONFIG, Run, find_checkpoint
 from activelsd.train.trainer import Trainer
 
 INIT = "init.json"
-"""What a run that started from another's weights has of them."""
+"""File in a run's folder that says which weights it took over from another run."""
 
 ON_RESUME = ("train.steps", "device", "threads")
-"""What may be changed of a run that goes on."""
+"""Settings that may be changed when a run is resumed."""
 
 
-def open_graph(settings: World) -> ViewGraph:
-    """A world's views, prepared with progress on the screen where they have to be."""
+def open_graph(settings: WorldSettings) -> ViewGraph:
+    """Open a world's views, with progress on the screen if they have to be prepared."""
     with progress("Preparing views") as show:
-        return build_graph(settings, show)
+        return settings.open(show)
 
 
 def open_worlds(config: RunConfig, group: Group = ALONE) -> list[OpenWorld]:
-    """Every world of a config, to play; the first process of a group prepares what is not prepared yet."""
+    """Open every world of a config; only the first process of a group prepares missing views."""
     if group.rank > 0:
         group.wait()
     worlds = open_recordings(config.worlds, open_graph)
@@ -55,7 +50,7 @@ def open_worlds(config: RunConfig, group: Group = ALONE) -> list[OpenWorld]:
 
 
 def begin(config: RunConfig) -> Path:
-    """Train a new run; its folder.
+    """Train a new run and return its folder.
 
     Raises:
         UserError: something of the config does not fit; no folder is left behind.
@@ -64,9 +59,13 @@ def begin(config: RunConfig) -> Path:
     device = _device(config)
     with Group.joined(device) as group:
         if config.policy.init is not None:
-            find_checkpoint(config.policy.init)  # before the worlds are opened, which takes a while
+            find_checkpoint(config.policy.init)  # first, because opening worlds takes a while
         worlds = open_worlds(config, group)
-        made = Run.create(config.runs, config.title, dump(config)).folder if group.rank == 0 else ""
+        made = (
+            Run.create(config.runs, config.title, dump(config), config.parts()).folder
+            if group.rank == 0
+            else ""
+        )
         run = Run(Path(group.agreed(str(made))))
         try:
             return _train(config, run, worlds, device, group)
@@ -77,7 +76,7 @@ def begin(config: RunConfig) -> Path:
 
 
 def resume(folder: Path, words: Sequence[str]) -> Path:
-    """Go on with a run from its last checkpoint, or from its beginning where it has none yet; its folder."""
+    """Resume a run from its last checkpoint, or from the beginning if it has none, and return its folder."""
     run, config = Run(folder), resumed_config(folder, words)
     device = _device(config)
     with Group.joined(device) as group:
@@ -86,11 +85,15 @@ def resume(folder: Path, words: Sequence[str]) -> Path:
             temporary = folder / f"{CONFIG}.tmp"
             temporary.write_text(dump(config))
             temporary.replace(folder / CONFIG)
-        return _train(config, run, worlds, device, group)
+        try:
+            return _train(config, run, worlds, device, group)
+        except UnknownPartError:  # of a loss term or logger, which no one looks up before
+            check_parts(folder)
+            raise
 
 
 def resumed_config(folder: Path, words: Sequence[str]) -> RunConfig:
-    """A run's own config with the few things changed that may be."""
+    """A run's config with changes to the settings of `ON_RESUME`."""
     return change(load(Run(folder).folder / CONFIG), words, ON_RESUME, "a run goes on as it began")
 
 
@@ -104,7 +107,7 @@ def _device(config: RunConfig) -> str:
 
 
 def _train(config: RunConfig, run: Run, worlds: Sequence[OpenWorld], device: str, group: Group) -> Path:
-    stand_ins = [world.backend for world in worlds if world.backend in STAND_INS]
+    stand_ins = [own.made_by() for own in config.worlds.values() if own.stands_in]
     if group.rank == 0:
         notice(f"Training {run.folder}" + "".join(f" on {backend}, a stand-in" for backend in stand_ins))
     resuming = _has_checkpoint(run)
@@ -136,7 +139,7 @@ def _train(config: RunConfig, run: Run, worlds: Sequence[OpenWorld], device: str
 
 
 def _look(network: LSDNet, worlds: Sequence[OpenWorld], device: str, *, alone: bool) -> dict[str, float]:
-    """A network measured in every world; of several, each figure stands below its world's name."""
+    """Measure a network in every world; with several worlds, names of figures begin with the world's."""
     figures: dict[str, float] = {}
     for name, graph, rules, backend in worlds:
         own = narrow(network, tree_of(graph))
@@ -146,7 +149,7 @@ def _look(network: LSDNet, worlds: Sequence[OpenWorld], device: str, *, alone: b
 
 
 def _start_from(checkpoint: Path, run: Run, network: LSDNet, device: str, group: Group) -> None:
-    """Give a fresh network what a checkpoint's knows of it, and say what was kept."""
+    """Copy the weights of a checkpoint that a fresh network can use, and report which they are."""
     state, rows = transfer(load_network(checkpoint, device), network)
     network.load_state_dict(state)
     if group.rank > 0:
@@ -160,7 +163,7 @@ def _start_from(checkpoint: Path, run: Run, network: LSDNet, device: str, group:
 
 
 def _some(names: Sequence[str], most: int = 4) -> str:
-    """The first few of many names."""
+    """The first few names, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return (", ".join(names[:most]) or "none") + more
 

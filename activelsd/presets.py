@@ -2,34 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import yaml
 
 from activelsd.errors import ConfigError, did_you_mean
-
-
-class Setting(NamedTuple):
-    """A value as it was written, and the file it was written in; None is the command line."""
-
-    value: Any
-    file: Path | None
-
-    @property
-    def place(self) -> str:
-        """Where it was written, to go behind its key in a sentence."""
-        return f" (in {self.file})" if self.file else ""
-
-
-class TextLoader(yaml.SafeLoader):
-    """YAML whose scalars stay text, null aside: the schema decides, since YAML takes `3e-4` for text."""
-
-    yaml_implicit_resolvers = {  # noqa: RUF012
-        first: [(tag, pattern) for tag, pattern in pairs if tag.endswith(":null")]
-        for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
-    }
+from activelsd.sections import Setting, TextLoader, flatten
 
 
 def presets_folder() -> Path:
@@ -40,7 +18,7 @@ def presets_folder() -> Path:
 
 
 def groups() -> dict[str, list[str]]:
-    """The presets of every group of settings, `experiment` among them."""
+    """The presets of every group of settings that has some, `experiment` among them."""
     folders = sorted(path for path in presets_folder().iterdir() if path.is_dir())
     return {folder.name: sorted(file.stem for file in folder.glob("*.yaml")) for folder in folders}
 
@@ -54,11 +32,15 @@ def preset_file(group: str, setting: Setting) -> Path:
     name, known = str(setting.value), groups()[group]
     if name in known:
         return presets_folder() / group / f"{name}.yaml"
-    file = Path(name).expanduser()
-    if file.suffix in (".yaml", ".yml"):
-        return file
+    if is_file(name):
+        return Path(name).expanduser()
     hint = did_you_mean(name, known)
     raise ConfigError(f"There is no {group} preset '{name}'{setting.place}; {hint}")
+
+
+def is_file(name: str) -> bool:
+    """Whether a word means a file of settings, by its ending."""
+    return Path(name).suffix in (".yaml", ".yml")
 
 
 def read_settings(file: Path, prefix: str = "") -> dict[str, Setting]:
@@ -76,12 +58,3 @@ def read_settings(file: Path, prefix: str = "") -> dict[str, Setting]:
     if content is not None and not isinstance(content, dict):
         raise ConfigError(f"{file} holds no settings; write one `key: value` a line.")
     return {prefix + key: Setting(value, file) for key, value in flatten(content or {})}
-
-
-def flatten(content: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
-    """Nested values as pairs of dotted key and value."""
-    for key, value in content.items():
-        if isinstance(value, dict):
-            yield from ((f"{key}.{inner}", leaf) for inner, leaf in flatten(value))
-        else:
-            yield str(key), value

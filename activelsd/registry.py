@@ -7,21 +7,30 @@ that asks; nothing else is ever imported because a config names it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from activelsd.errors import ConfigError, did_you_mean
+from activelsd.errors import ActiveLSDError, ConfigError, did_you_mean
 
 
 class UnknownPartError(ConfigError):
     """Raised when no part of a kind has a name; `kind` and `name` say which."""
 
-    def __init__(self, kind: str, name: str, known: list[str]) -> None:
-        hint = did_you_mean(name, known)
-        super().__init__(f"There is no {kind} '{name}'; {hint}")
-        self.kind, self.name = kind, name
+    def __init__(self, kind: str, name: str, known: list[str], place: str = "") -> None:
+        """Word it; `place` says where the name was written, as ` (in FILE)`."""
+        super().__init__(f"There is no {kind} '{name}'{place}; {did_you_mean(name, known)}")
+        self.kind, self.name, self._words = kind, name, (kind, name, known, place)
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        """How Ray sends it to the learner."""
+        return type(self), self._words
+
+
+class BrokenPartError(ConfigError):
+    """Raised when a part of an installed package cannot be imported, or is not a part of its kind."""
 
 
 @cache
@@ -37,10 +46,22 @@ class Registry:
         group: the entry points' group after `activelsd.`.
     """
 
-    def __init__(self, kind: str, group: str, own: Mapping[str, str]) -> None:
-        """Set it up with this package's own parts, each as `module:attribute`."""
+    def __init__(
+        self,
+        kind: str,
+        group: str,
+        own: Mapping[str, str],
+        settings: Mapping[str, str] | None = None,
+        base: str | None = None,
+    ) -> None:
+        """Set it up with this package's own parts, and the settings of some, each as `module:attribute`.
+
+        `base` is the class, written so too, that parts derive from; None if they need not.
+        """
         self.kind, self.group = kind, group
         self._own = {name: EntryPoint(name, value, group) for name, value in own.items()}
+        self._settings = {name: EntryPoint(name, value, group) for name, value in (settings or {}).items()}
+        self._base = None if base is None else EntryPoint("base", base, group)
         self._added: dict[str, Any] = {}
 
     def names(self) -> list[str]:
@@ -51,18 +72,71 @@ class Registry:
         """The names of this package's own parts."""
         return list(self._own)
 
+    def installed(self) -> list[str]:
+        """The names that other packages give to their parts; those of own parts are without effect."""
+        return list(_installed(self.group))
+
+    def check(self, name: str, place: str = "") -> None:
+        """Raise UnknownPartError if no part has a name, written at a place; nothing is imported."""
+        if name not in self.names():
+            raise UnknownPartError(self.kind, name, self.names(), place)
+
     def get(self, name: str) -> Any:
         """A part by name, imported now if need be.
 
         Raises:
             UnknownPartError: there is none of that name.
+            BrokenPartError: the package that brings it fails to import, or it is not of this kind.
         """
+        self.check(name)
         if name in self._added:
             return self._added[name]
-        entry = self._own.get(name) or _installed(self.group).get(name)
-        if entry is None:
-            raise UnknownPartError(self.kind, name, self.names())
-        return entry.load()
+        if name in self._own:
+            return self._own[name].load()
+        with self.blaming(name, "cannot be imported"):
+            part = _installed(self.group)[name].load()
+        base = None if self._base is None else self._base.load()
+        if base is not None and not (isinstance(part, type) and issubclass(part, base)):
+            raise self.broken(name, f"is no subclass of {base.__module__}.{base.__name__}")
+        return part
+
+    def broken(self, name: str, what: str) -> BrokenPartError:
+        """An error that says what is wrong with a part, and which package brings it."""
+        package = self.package(name)
+        whose = f" of the package {' '.join(package)}" if package else ""
+        way_out = "mend or uninstall that package" if package else "mend it"
+        return BrokenPartError(f"The {self.kind} '{name}'{whose} {what}; {way_out}.")
+
+    @contextmanager
+    def blaming(self, name: str, what: str) -> Iterator[None]:
+        """Turn whatever a part of another package raises inside into a `BrokenPartError`."""
+        try:
+            yield
+        except (Exception, SystemExit) as error:
+            if isinstance(error, ActiveLSDError) or name in self._own:
+                raise
+            raise self.broken(name, f"{what} ({type(error).__name__}: {error})") from error
+
+    def settings(self, name: str) -> Any:
+        """The model of a part's own settings; None if it has none.
+
+        A part of another package names it as its attribute `Settings`. Models of this package's parts stand
+        apart from them, so that settings are read before PyTorch is imported.
+
+        Raises:
+            UnknownPartError: there is no part of that name.
+        """
+        if name in self._own:
+            return self._settings[name].load() if name in self._settings else None
+        return getattr(self.get(name), "Settings", None)
+
+    def name_of(self, part: Any) -> str | None:
+        """The name that a class is registered by; None if it is not. Nothing is imported to find out."""
+        value = f"{part.__module__}:{part.__qualname__}"
+        for name, one in {**_installed(self.group), **self._own, **self._added}.items():
+            if one is part or (isinstance(one, EntryPoint) and one.value == value):
+                return name
+        return None
 
     def add(self, name: str, part: Any) -> None:
         """Add a part in this process; other processes find only what is installed."""
@@ -74,6 +148,11 @@ class Registry:
         return None if entry is None or entry.dist is None else (entry.dist.name, entry.dist.version)
 
 
+def _in(module: str, **attributes: str) -> dict[str, str]:
+    """Parts of one module by name."""
+    return {name: f"activelsd.{module}:{attribute}" for name, attribute in attributes.items()}
+
+
 _ORBIT_MOVES = (
     *("orbit_cw", "orbit_ccw", "orbit_cw_60", "orbit_ccw_60", "orbit_cw_90", "orbit_ccw_90"),
     *("orbit_opposite", "orbit_up", "orbit_down"),
@@ -82,49 +161,41 @@ _ORBIT_MOVES = (
 worlds = Registry(
     "world",
     "worlds",
-    {
-        "modelnet": "activelsd.envs.modelnet.settings:ModelNetSettings",
-        "avd": "activelsd.envs.avd.settings:AVDSettings",
-        "thor": "activelsd.envs.thor.settings:THORSettings",
-    },
+    _in("envs.modelnet.settings", modelnet="ModelNetSettings")
+    | _in("envs.avd.settings", avd="AVDSettings")
+    | _in("envs.thor.settings", thor="THORSettings"),
+    base="activelsd.envs.settings:WorldSettings",
 )
 orbit_moves = Registry(
-    "orbit move",
-    "orbit_moves",
-    {name: f"activelsd.envs.modelnet.orbit:{name.upper()}" for name in _ORBIT_MOVES},
+    "orbit move", "orbit_moves", _in("envs.modelnet.orbit", **{name: name.upper() for name in _ORBIT_MOVES})
 )
 players = Registry(
     "player",
     "players",
-    {
-        "no_move": "activelsd.evaluate.players:NoMove",
-        "random_walk": "activelsd.evaluate.players:RandomWalk",
-        "random_policy": "activelsd.evaluate.players:RandomPolicy",
-        "all_views": "activelsd.evaluate.players:AllViews",
-        "forward": "activelsd.evaluate.walkers:Forward",
-        "object_search": "activelsd.evaluate.walkers:ObjectSearch",
-        "oracle": "activelsd.evaluate.walkers:Oracle",
-        "next_best_move": "activelsd.evaluate.nextbest:NextBestMove",
-    },
+    _in("evaluate.players", no_move="NoMove", random_walk="RandomWalk", random_policy="RandomPolicy")
+    | _in("evaluate.players", all_views="AllViews")
+    | _in("evaluate.walkers", forward="Forward", object_search="ObjectSearch", oracle="Oracle")
+    | _in("evaluate.nextbest", next_best_move="NextBestMove"),
 )
 trunks = Registry(
     "trunk",
     "trunks",
-    {"compact": "activelsd.policy.trunks:Compact", "alexnet": "activelsd.policy.trunks:AlexNet"},
+    _in("policy.trunks", compact="Compact", alexnet="AlexNet"),
+    settings=_in("policy.settings", alexnet="AlexNetSettings"),
 )
 memories = Registry(
     "memory",
     "memories",
-    {
-        "stack": "activelsd.policy.memories:Stack",
-        "lstm": "activelsd.policy.memories:LSTM",
-        "pool": "activelsd.policy.memories:Pool",
-    },
+    _in("policy.memories", stack="Stack", lstm="LSTM", pool="Pool"),
+    base="activelsd.policy.memories:Memory",
 )
 terms = Registry(
     "loss term",
     "terms",
-    {"supervised": "activelsd.train.terms:Supervised", "guided": "activelsd.train.terms:Guided"},
+    _in("train.terms", supervised="Supervised", guided="Guided"),
+    base="activelsd.train.terms:Term",
 )
-figures = Registry("figure", "figures", {"spl": "activelsd.evaluate.metrics:spl"})
-loggers = Registry("logger", "loggers", {"tensorboard": "activelsd.train.logging:TensorBoard"})
+figures = Registry("figure", "figures", _in("evaluate.metrics", spl="spl"))
+loggers = Registry("logger", "loggers", _in("train.logging", tensorboard="TensorBoard"))
+
+ALL = (worlds, orbit_moves, players, trunks, memories, terms, figures, loggers)

@@ -1,14 +1,15 @@
-"""What matters? Variants of a world's default preset, each trained on the same budget with several seeds.
+"""Ablation study: trains variants of a world's default preset with equal budgets and several seeds.
 
-The table has a variant's accuracy on objects that it has not seen and its views, each as mean ± 95 % interval
-over seeds by Student's t, and the same of the differences to the default, paired by seed. It is measured on
-the validation split, by which one may choose; `--split test` is for the report. With so many variants one
-interval may well be off zero by chance.
+The table shows each variant's accuracy on unseen objects and its number of views, as mean ± 95 % confidence
+interval over seeds (Student's t), and the differences to the default, paired by seed. It uses the validation
+split, which is for choosing; use `--split test` for final results. With this many variants, some interval may
+exclude zero by chance.
 
     python benchmarks/ablation.py env=modelnet --steps 600000 --seeds 3 --out ablation --only flat,V0
 
-Runs, results and the table are kept in a folder. The same command goes on where it was stopped, and one with
-more variants, more seeds or another split adds to it. A folder is for one version of the code.
+Runs, results and the table are stored in a folder. The same command continues after an interruption; a
+command with more variants, more seeds or another split adds to the folder. Use one folder per version of the
+code.
 """
 
 from __future__ import annotations
@@ -32,12 +33,13 @@ from activelsd.train.run import CONFIG
 
 DEFAULT = "default"
 VARIANTS = {
-    # What all worlds had before each was found its own.
-    "alike": "train.learning_rate=7e-4 train.gamma=0.98 train.mirror=false train.dropout=0 train.guided=0",
+    # The settings that all worlds shared before each got its own.
+    "alike": "train.learning_rate=7e-4 train.gamma=0.98 train.mirror=false train.dropout=0"
+    " train.terms.guided=0",
     "paper": "train=paper env.rules.preset=V0 policy.memory=stack policy.frames=3",
     "tree": "policy.head=tree",
     "flat": "policy.head=flat",
-    # One softmax knows only the schedules of leaves; here they are those of the tree's branch.
+    # A flat softmax uses only the leaf schedules; here they get the values of the tree's branch schedules.
     "flat-explored": "policy.head=flat train.epsilon_leaf.start=0.8 train.entropy_leaf.start=0.05 "
     "train.entropy_leaf.end=0.005",
     "V0": "env.rules.preset=V0",
@@ -48,16 +50,16 @@ VARIANTS = {
     "stack-4": "policy.memory=stack policy.frames=4",
     "lstm": "policy.memory=lstm policy.frames=1",
     "pool": "policy.memory=pool policy.frames=1",
-    "unsupervised": "train.supervised=0",
-    "supervised": "train.supervised=1",
+    "unsupervised": "train.terms.supervised=0",
+    "supervised": "train.terms.supervised=1",
     "V6": "env.rules.preset=V6",
     "dropout-0": "train.dropout=0",
     "dropout-0.25": "train.dropout=0.25",
     "dropout-0.5": "train.dropout=0.5",
     "mirror": "train.mirror=true",
     "mirror-0": "train.mirror=false",
-    "unguided": "train.guided=0",
-    "guided-0.5": "train.guided=0.5",
+    "unguided": "train.terms.guided=0",
+    "guided-0.5": "train.terms.guided=0.5",
     "amp": "train.amp=true",
     "rate-7e-4": "train.learning_rate=7e-4",
     "rate-2e-3": "train.learning_rate=2e-3",
@@ -81,16 +83,16 @@ VARIANTS = {
     "V3": "env.rules.preset=V3",
     "V4": "env.rules.preset=V4",
 }
-"""What is changed of the default, by name, the most telling first; what changes nothing is left out."""
+"""Settings of each variant, the most informative first; a variant equal to the default is skipped."""
 
 OF_WORLD = {"modelnet": {"moves-30": "env.navigate=[orbit_cw,orbit_ccw]"}}
-"""Variants that only one world knows."""
+"""Variants for one world only."""
 
 Words = tuple[str, ...]
 
 
 class Result(NamedTuple):
-    """How one trained run did."""
+    """The result of one trained run."""
 
     variant: str
     words: Words
@@ -100,18 +102,18 @@ class Result(NamedTuple):
 
 
 def variants(base: Words, only: Sequence[str] = ()) -> dict[str, Words]:
-    """The words of the default and of all variants, or of some, that differ from it."""
+    """Settings of the default and of all variants (or those in `only`) that differ from it."""
     default = resolve(base)
     known = {DEFAULT: ""} | VARIANTS | OF_WORLD.get(default.env.name, {})
     for name in only:
         if name not in known:
             raise ConfigError(f"There is no variant '{name}'; {did_you_mean(name, known)}")
     words = {name: (*base, *known[name].split()) for name in known if not only or name in {DEFAULT, *only}}
-    return {name: own for name, own in words.items() if name == DEFAULT or resolve(own) != default}
+    return {name: each for name, each in words.items() if name == DEFAULT or resolve(each) != default}
 
 
 def experiment(variant: str, words: Words, split: str, runs: Path) -> Result:
-    """Train a run, or go on with the one that there is, and measure it."""
+    """Trains a run, or resumes it if it exists, and evaluates it."""
     config = resolve(["train.loggers=[]", "train.evaluate_every=1000000000", *words, f"runs={runs}"])
     config = config.model_copy(update={"name": variant})
     begun = [path.parent for path in runs.glob(f"*/{CONFIG}") if load(path) == config]
@@ -122,14 +124,14 @@ def experiment(variant: str, words: Words, split: str, runs: Path) -> Result:
     return Result(variant, words, split, accuracy, float(np.mean([player.views.mean for player in players])))
 
 
-def apart(variant: str, words: Words, split: str, runs: Path) -> Result:
-    """An experiment in a process of its own."""
+def in_own_process(variant: str, words: Words, split: str, runs: Path) -> Result:
+    """Runs `experiment` in a separate process."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
         return process.submit(experiment, variant, words, split, runs).result()
 
 
 def read(file: Path, split: str) -> dict[Words, Result]:
-    """The results that a file has of a split."""
+    """The results of a split in a file, by settings."""
     lines = file.read_text().splitlines() if file.exists() else []
     rows = [json.loads(line) for line in lines]
     results = [Result(**(row | {"words": tuple(row["words"])})) for row in rows]
@@ -137,7 +139,7 @@ def read(file: Path, split: str) -> dict[Words, Result]:
 
 
 def interval(values: Sequence[float], digits: int) -> str:
-    """Mean ± half of its 95 % interval by Student's t; a single value has none."""
+    """Mean ± half width of the 95 % interval (Student's t); a single value has no interval."""
     mean = f"{np.mean(values):.{digits}f}"
     if len(values) < 2:
         return mean
@@ -146,20 +148,20 @@ def interval(values: Sequence[float], digits: int) -> str:
 
 
 def table(wanted: Mapping[str, Sequence[Words]], done: Mapping[Words, Result]) -> str:
-    """What is done of each variant's seeds, as Markdown; differences are of seeds the default has too."""
+    """The finished runs as a Markdown table; differences use only seeds that the default also has."""
     lines = [
         "| variant | seeds | accuracy, % | difference | views | difference |",
         "|---|---|---|---|---|---|",
     ]
     default = [done.get(words) for words in wanted[DEFAULT]]
     for name, runs in wanted.items():
-        own = [done.get(words) for words in runs]
-        found = [one for one in own if one]
-        pairs = [(one, other) for one, other in zip(own, default, strict=True) if one and other]
-        cells = [name, str(len(found)), "", "", "", ""]
-        if found:
-            cells[2] = interval([100 * one.accuracy for one in found], 1)
-            cells[4] = interval([one.views for one in found], 2)
+        results = [done.get(words) for words in runs]
+        finished = [one for one in results if one]
+        pairs = [(one, other) for one, other in zip(results, default, strict=True) if one and other]
+        cells = [name, str(len(finished)), "", "", "", ""]
+        if finished:
+            cells[2] = interval([100 * one.accuracy for one in finished], 1)
+            cells[4] = interval([one.views for one in finished], 2)
         if pairs and name != DEFAULT:
             cells[3] = interval([100 * (one.accuracy - other.accuracy) for one, other in pairs], 1)
             cells[5] = interval([one.views - other.views for one, other in pairs], 2)
@@ -168,7 +170,7 @@ def table(wanted: Mapping[str, Sequence[Words]], done: Mapping[Words, Result]) -
 
 
 def study(wanted: Mapping[str, Sequence[Words]], split: str, out: Path, jobs: int) -> str:
-    """Run what is not done yet, keeping every result and the table at once; the table."""
+    """Runs what is not done yet, stores each result and the table at once, and returns the table."""
     out.mkdir(parents=True, exist_ok=True)
     file = out / "results.jsonl"
     done = read(file, split)
@@ -179,7 +181,7 @@ def study(wanted: Mapping[str, Sequence[Words]], split: str, out: Path, jobs: in
         if words not in done
     ]
     with ThreadPoolExecutor(jobs) as threads:
-        for result in threads.map(lambda one: apart(*one), todo):
+        for result in threads.map(lambda one: in_own_process(*one), todo):
             done[result.words] = result
             with file.open("a") as lines:
                 lines.write(json.dumps(result._asdict()) + "\n")
@@ -188,17 +190,17 @@ def study(wanted: Mapping[str, Sequence[Words]], split: str, out: Path, jobs: in
 
 
 def main() -> None:
-    """Print a table."""
+    """Prints the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("settings", nargs="+", help="group=preset and key=value of all runs")
-    parser.add_argument("--steps", type=int, default=600_000, help="of every run")
+    parser.add_argument("settings", nargs="+", help="group=preset and key=value for all runs")
+    parser.add_argument("--steps", type=int, default=600_000, help="training steps of each run")
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--only", default="", help=f"the default and some of: {', '.join(VARIANTS)}")
-    parser.add_argument("--split", default="val", choices=("val", "test"), help="what is measured on")
-    parser.add_argument("--out", type=Path, default=Path("ablation"), help="where everything is kept")
-    parser.add_argument("--jobs", type=int, default=1, help="runs side by side")
+    parser.add_argument("--only", default="", help=f"variants besides the default: {', '.join(VARIANTS)}")
+    parser.add_argument("--split", default="val", choices=("val", "test"), help="split to evaluate on")
+    parser.add_argument("--out", type=Path, default=Path("ablation"), help="folder of runs and results")
+    parser.add_argument("--jobs", type=int, default=1, help="number of runs in parallel")
     options = parser.parse_intermixed_args()
     base = ("threads=1", *options.settings, f"train.steps={options.steps}")
     only = [name for name in options.only.split(",") if name]
@@ -206,7 +208,7 @@ def main() -> None:
         name: [(*words, f"seed={seed}") for seed in range(options.seeds)]
         for name, words in variants(base, only).items()
     }
-    open_worlds(resolve(base))  # so that views are prepared once, not by several jobs at the same time
+    open_worlds(resolve(base))  # prepares the views once, instead of in several jobs at the same time
     print(study(wanted, options.split, options.out, options.jobs), end="")
 
 

@@ -1,8 +1,8 @@
-"""How near GA3C's agents come to what slow environments allow: steps per second by number of processes.
+"""Scaling of GA3C with slow environments: steps per second by number of agent processes.
 
-With steps of 20 ms, n agents can take n / 20 ms at the most; in the way are the time that an answer
-takes and, at last, the network. The trainer does everything meanwhile, learning included. A row per number of
-agents: steps per second, its share of n / step, and the queues' measures, by which the bottleneck is found.
+If a step takes 20 ms, n agents can take at most n / 20 ms steps. Prediction latency and, with many agents,
+the network reduce this. The trainer does its full work, including learning. The table has one row per number
+of agents: steps per second, as a fraction of n / step, and queue measures that show the bottleneck.
 
     python benchmarks/ga3c.py --agents 8 16 32 --seconds 20
 """
@@ -30,7 +30,7 @@ SHOWN = ("prediction_batch", "prediction_queue", "predictor_idle", "learner_idle
 
 
 def measure(agents: int, options: argparse.Namespace) -> tuple[float, dict[str, float]]:
-    """Steps per second once every agent plays, and the actors' measures of that time."""
+    """Steps per second after all agents have started, and the actors' measures for that time."""
     tree = tree_of(graph())
     spec = EnvSpec(id=ID, kwargs={"seconds": options.step / 1000}, tree=tree)
     chosen = GA3CSettings(
@@ -61,12 +61,12 @@ def measure(agents: int, options: argparse.Namespace) -> tuple[float, dict[str, 
 
 
 def main() -> None:
-    """Print the table."""
+    """Prints the table."""
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=plain)
     parser.add_argument("--agents", type=int, nargs="+", default=[8, 16, 32])
-    parser.add_argument("--step", type=float, default=20.0, help="milliseconds a step takes")
-    parser.add_argument("--lanes", type=int, default=1, help="train.ga3c.lanes, with an environment in each")
+    parser.add_argument("--step", type=float, default=20.0, help="duration of a step in milliseconds")
+    parser.add_argument("--lanes", type=int, default=1, help="train.ga3c.lanes, with one environment each")
     parser.add_argument("--wait", type=float, default=0.0, help="train.ga3c.prediction_wait_ms")
     parser.add_argument("--seconds", type=float, default=20.0, help="per row")
     parser.add_argument("--threads", type=int, default=1, help="torch threads")

@@ -1,7 +1,7 @@
-"""Does one network for several worlds cost accuracy? A run of all worlds at once, beside one of each alone.
+"""Compares one network trained in several worlds with one network per world.
 
-Every run gets the same number of steps in each of its worlds. Test accuracy, one row per world and seed, and
-the joint run's as a share of the lone one's.
+Every run gets the same number of steps in each of its worlds. The table has one row per world and seed: test
+accuracy and views of both runs, and the joint run's accuracy as a fraction of the single-world run's.
 
     python benchmarks/joint.py modelnet,avd --steps 1000000 --seeds 3
 """
@@ -18,8 +18,8 @@ from activelsd.contest import evaluate
 from activelsd.launch import begin
 
 
-def played(words: Sequence[str], folder: Path) -> dict[str, tuple[float, float]]:
-    """Train a run; its accuracy on the test split and its views, by world."""
+def train_and_test(words: Sequence[str], folder: Path) -> dict[str, tuple[float, float]]:
+    """Trains a run and returns its test accuracy and number of views by world."""
     config = resolve([*words, f"runs={folder}", "train.loggers=[]", "train.evaluate_every=1000000000"])
     comparisons, _ = evaluate([str(begin(config))], [])
     players = [comparison.players[0] for comparison in comparisons]
@@ -29,21 +29,21 @@ def played(words: Sequence[str], folder: Path) -> dict[str, tuple[float, float]]
     }
 
 
-def own(words: Sequence[str], world: str, worlds: Sequence[str]) -> list[str]:
-    """The settings of a world's own run: `env.avd.size=84` is `env.size=84` there, and nothing elsewhere."""
+def settings_for(words: Sequence[str], world: str, worlds: Sequence[str]) -> list[str]:
+    """Settings of a single-world run: `env.avd.size=84` becomes `env.size=84` for avd, else is dropped."""
     others = tuple(f"env.{other}." for other in worlds if other != world)
     return [word.replace(f"env.{world}.", "env.", 1) for word in words if not word.startswith(others)]
 
 
 def main() -> None:
-    """Print a table."""
+    """Prints the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("worlds", help="presets of env, as in modelnet,avd")
+    parser.add_argument("worlds", help="presets of env, for example modelnet,avd")
     parser.add_argument("--steps", type=int, default=1_000_000, help="steps in each world")
     parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("settings", nargs="*", help="key=value of all runs")
+    parser.add_argument("settings", nargs="*", help="key=value for all runs")
     options = parser.parse_intermixed_args()
     worlds = options.worlds.split(",")
     print(f"{'world':>10}{'seed':>6}{'alone':>18}{'joint':>18}{'share':>8}")
@@ -51,13 +51,13 @@ def main() -> None:
         for seed in range(options.seeds):
             words = [*options.settings, f"seed={seed}"]
             steps = f"train.steps={len(worlds) * options.steps}"
-            joint = played([f"env={options.worlds}", *words, steps], Path(folder))
+            joint = train_and_test([f"env={options.worlds}", *words, steps], Path(folder))
             for world in worlds:
-                lone = [f"env={world}", *own(words, world, worlds), f"train.steps={options.steps}"]
-                alone = played(lone, Path(folder))[world]
+                single = [f"env={world}", *settings_for(words, world, worlds), f"train.steps={options.steps}"]
+                alone = train_and_test(single, Path(folder))[world]
                 both = (alone, joint[world])
-                said = "".join(f"{100 * right:8.1f} %{views:6.2f} v" for right, views in both)
-                print(f"{world:>10}{seed:>6}{said}{joint[world][0] / alone[0]:8.0%}", flush=True)
+                cells = "".join(f"{100 * right:8.1f} %{views:6.2f} v" for right, views in both)
+                print(f"{world:>10}{seed:>6}{cells}{joint[world][0] / alone[0]:8.0%}", flush=True)
 
 
 if __name__ == "__main__":

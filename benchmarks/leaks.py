@@ -1,7 +1,7 @@
-"""Whether memory, files, threads and processes grow over a GA3C run: a row each tenth of it.
+"""Checks for leaks of memory, files, threads and processes in a GA3C run, with a row per tenth of the run.
 
-Shared memory has no name and shows as an open file. At the end, memory is to be within 5 % of that at a tenth
-of the run and all else the same; the exit code says whether it is.
+Shared memory has no name and is counted as an open file. The run passes (exit code 0) if at its end the
+memory is at most 5 % above that after the first tenth, and all other counts are the same.
 
     python benchmarks/leaks.py --steps 1000000 --kind processes
 """
@@ -29,25 +29,25 @@ from activelsd.train.statistics import Statistics
 from activelsd.train.trainer import Trainer
 
 
-class Held(NamedTuple):
-    """What processes hold."""
+class Usage(NamedTuple):
+    """Resources that this process uses."""
 
-    megabytes: float  # resident, of this process and its children
+    megabytes: float  # resident memory of this process and its children
     files: int
     threads: int
     children: int
     named: int  # entries of /dev/shm that this process maps
 
 
-def held() -> Held:
-    """Of this process; memory with its children's."""
+def usage() -> Usage:
+    """The current resource usage."""
     own, children = Path("/proc/self"), []
     for task in (own / "task").iterdir():
         children += [int(pid) for pid in (task / "children").read_text().split()]
     pages = 0
     for pid in (os.getpid(), *children):
         pages += int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return Held(
+    return Usage(
         megabytes=pages * os.sysconf("SC_PAGE_SIZE") / 2**20,
         files=len(list((own / "fd").iterdir())),
         threads=threading.active_count(),
@@ -57,14 +57,14 @@ def held() -> Held:
 
 
 def main() -> int:
-    """Print the table; 1 where something grew."""
+    """Prints the table; returns 1 if something grew."""
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=plain)
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--kind", choices=("processes", "threads"), default="processes")
     parser.add_argument("--agents", type=int, default=4)
     parser.add_argument("--envs", type=int, default=16, help="environments per agent")
-    parser.add_argument("--size", type=int, default=64, help="features of the network; few, to be fast")
+    parser.add_argument("--size", type=int, default=64, help="network features; few, to be fast")
     options = parser.parse_args()
     torch.set_num_threads(1)
 
@@ -78,7 +78,7 @@ def main() -> int:
         trainer = Trainer(
             Run.create(Path(folder), "leaks", ""),
             tree,
-            NetworkShape(features=options.size),
+            NetworkShape(trunk_settings={"features": options.size}),
             settings,
             lambda network, seed: GA3CActors(world, network, chosen, settings.length, seed),
             seed=0,
@@ -93,7 +93,7 @@ def main() -> int:
                     sums.read()
             trainer.save()
             rate, since = (trainer.step - before) / (time.monotonic() - since), time.monotonic()
-            rows.append(held())
+            rows.append(usage())
             mb, files, threads, children, named = rows[-1]
             print(
                 f"{trainer.step:8}  {rate:7.0f}  {mb:7.1f}  {files:5}  {threads:7}  {children:8}  {named:8}",
@@ -101,7 +101,8 @@ def main() -> int:
             )
         trainer.actors.close()
     grown = rows[-1].megabytes > 1.05 * rows[0].megabytes or rows[-1][1:] != rows[0][1:]
-    print(f"memory {rows[-1].megabytes / rows[0].megabytes:.3f} of that at a tenth; left: {held().children}")
+    ratio = rows[-1].megabytes / rows[0].megabytes
+    print(f"memory is {ratio:.3f} of that after a tenth; child processes left: {usage().children}")
     return int(grown)
 
 

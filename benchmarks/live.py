@@ -1,8 +1,8 @@
-"""Steps per second of agents in live rooms, of training on recordings of them, and of the bare network.
+"""Steps per second of agents in live rooms, of training on recordings of them, and of the network alone.
 
-The bare network acts on and learns from observations that are in memory already. Resident actors play the
-recordings, GA3C's agents a simulator each, in processes of their own. All take turns, so a machine that slows
-down slows all. The room is the stand-in's; any other words of `activelsd train` may follow.
+The network alone acts on and learns from observations that are already in memory. Resident actors play the
+recordings; each GA3C agent runs a simulator in its own process. All take turns, so that a slower machine
+slows all of them. The room is the stand-in's; further settings of `activelsd train` may follow.
 
     python benchmarks/live.py --agents 2 4 --seconds 10 --rounds 3 env.scenes.train=1 env.scenes.test=1
 """
@@ -30,14 +30,14 @@ from activelsd.train.statistics import Statistics
 from activelsd.train.trainer import Trainer, new_network
 
 WARM = 2_000
-"""Steps before anything is measured."""
+"""Warm-up steps before a measurement."""
 
 Kind = Callable[[RunConfig, OpenWorld], AbstractContextManager[Callable[[], int]]]
 
 
 @contextmanager
 def bare(config: RunConfig, world: OpenWorld) -> Iterator[Callable[[], int]]:
-    """Acts on a batch of views and learns from it, over and over; the steps that it stands for."""
+    """Gives a function that acts on a batch of views, learns from it, and returns the number of steps."""
     shape = build_shape(config.policy, world.graph)
     network = new_network(tree_of(world.graph), shape, 0)
     env = play_recordings([world], num_envs=64, frames=shape.frames)
@@ -60,7 +60,7 @@ def bare(config: RunConfig, world: OpenWorld) -> Iterator[Callable[[], int]]:
 
 @contextmanager
 def trained(config: RunConfig, world: OpenWorld) -> Iterator[Callable[[], int]]:
-    """The trainer with all it does; the steps of an update."""
+    """Gives a function that runs one full trainer update and returns the number of steps."""
     shape, sums = build_shape(config.policy, world.graph), Statistics()
     with tempfile.TemporaryDirectory() as folder:
         run = Run.create(Path(folder), "live", "")
@@ -79,7 +79,7 @@ def trained(config: RunConfig, world: OpenWorld) -> Iterator[Callable[[], int]]:
 
 
 def rate(step: Callable[[], int], warm: int, seconds: float) -> float:
-    """Steps per second after so many steps."""
+    """Steps per second, measured after `warm` steps."""
     while warm > 0:
         warm -= step()
     began, steps = time.monotonic(), 0
@@ -89,7 +89,7 @@ def rate(step: Callable[[], int], warm: int, seconds: float) -> float:
 
 
 def main() -> None:
-    """Print a row each: steps per second, and how many times those of the live rooms."""
+    """Prints a row for each: steps per second, and the ratio to the fastest live one."""
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=plain)
     parser.add_argument("--agents", type=int, nargs="+", default=[2, 4])
@@ -117,9 +117,9 @@ def main() -> None:
         measured(f"{agents} agents, live", resolve([*words, *live]), trained, WARM // 10)
 
     rounds = [{name: measure() for name, measure in kinds.items()} for _ in range(options.rounds)]
-    found = {name: statistics.median(one[name] for one in rounds) for name in kinds}
-    fastest = max(value for name, value in found.items() if name.endswith("live"))
-    for name, value in found.items():
+    medians = {name: statistics.median(one[name] for one in rounds) for name in kinds}
+    fastest = max(value for name, value in medians.items() if name.endswith("live"))
+    for name, value in medians.items():
         print(f"{name:20} {value:8.0f} steps/s   {value / fastest:6.1f} x live")
 
 

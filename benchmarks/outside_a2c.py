@@ -1,9 +1,9 @@
-"""Stable-Baselines3's A2C on a world of ours, as a step to be measured.
+"""Stable-Baselines3's A2C in one of our worlds, as a contestant of the throughput benchmark.
 
-It gets what the trainer here has: the same observations from as many environments, a trunk of the same size
-and heads of one layer, rollouts as long, an optimiser step per rollout. It lacks a memory over views, a cheap
-part. The trunk is either the same function as a user would write it, in the layout that frames come in, or
-the one here with all that makes it fast.
+It is set up like the trainer here: the same observations, number of environments, trunk size, one-layer
+heads, rollout length, and one optimiser step per rollout. It has no memory over views, which is a cheap part.
+The trunk is either the same function in plain PyTorch, in the layout of the frames, or this project's
+optimised one.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from torch import Tensor, nn
 
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.policy.lsdnet import NetworkShape
-from activelsd.policy.trunks import make_trunk
+from activelsd.policy.trunks import Compact
 from activelsd.train.settings import TrainSettings
 
 
 class Plain(BaseFeaturesExtractor):
-    """The compact trunk's function, weight for weight: its first two layers are one convolution on pixels."""
+    """The compact trunk in plain PyTorch; the trunk's first two layers are one convolution here."""
 
     def __init__(self, observation_space: gymnasium.spaces.Dict, shape: NetworkShape) -> None:
-        super().__init__(observation_space, shape.features + 5 * shape.frames)
+        super().__init__(observation_space, 256 + 5 * shape.frames)
         self.trunk = nn.Sequential(
             nn.Conv2d(shape.frames, 32, 12, 4, 4),
             nn.ReLU(),
@@ -39,26 +39,26 @@ class Plain(BaseFeaturesExtractor):
             nn.Conv2d(64, 64, 3, 2, 1),
             nn.ReLU(),
             nn.Flatten(),
-            nn.LazyLinear(shape.features),
+            nn.LazyLinear(256),
             nn.ReLU(),
         )
         self.trunk(torch.zeros(1, shape.frames, shape.size, shape.size))
 
     def forward(self, observation: dict[str, Tensor]) -> Tensor:
-        """From frames float (N, K, S, S) in [0, 1] and boxes (N, K, 5)."""
+        """Features from frames float (N, K, S, S) in [0, 1] and boxes (N, K, 5)."""
         return torch.cat([self.trunk(observation["frames"]), observation["target"].flatten(1)], 1)
 
 
 class Fast(BaseFeaturesExtractor):
-    """The trunk's features of the frames, and the target's boxes beside them."""
+    """Concatenates this project's trunk features and the target boxes."""
 
     def __init__(self, observation_space: gymnasium.spaces.Dict, shape: NetworkShape) -> None:
-        trunk = make_trunk(shape.trunk, shape.frames, shape.size, shape.features)
+        trunk = Compact(shape.frames, shape.size)
         super().__init__(observation_space, trunk.features + 5 * shape.frames)
         self.trunk = trunk.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, observation: dict[str, Tensor]) -> Tensor:
-        """From frames float (N, K, S, S) in [0, 1] and boxes (N, K, 5)."""
+        """Features from frames float (N, K, S, S) in [0, 1] and boxes (N, K, 5)."""
         frames = observation["frames"].contiguous(memory_format=torch.channels_last)
         return torch.cat([self.trunk(frames), observation["target"].flatten(1)], 1)
 
@@ -71,12 +71,12 @@ def a2c(
     features: type[Plain] | type[Fast],
     device: str = "cpu",
 ) -> Iterator[Step]:
-    """An update of A2C; environments stand in a `DummyVecEnv`, as its manual advises for light ones."""
+    """Gives a function that runs one A2C update, in a `DummyVecEnv` as its manual advises for fast ones."""
     policy: dict[str, Any] = {
         "features_extractor_class": features,
         "features_extractor_kwargs": {"shape": shape},
         "net_arch": [],
-        "ortho_init": features is Plain,  # it cannot fill weights that are laid out channels last
+        "ortho_init": features is Plain,  # it does not support weights in channels-last layout
     }
     envs = DummyVecEnv([make] * settings.envs)
     steps = settings.envs * settings.length

@@ -1,7 +1,7 @@
-"""Sample Factory's APPO on a world of ours, as a step to be measured.
+"""Sample Factory's APPO in one of our worlds, as a contestant of the throughput benchmark.
 
-As `outside_a2c`, and in its serial mode: workers and learner take turns in this process, so that its steps
-per CPU-second can be compared. Its processes would share the work out over more cores.
+It is set up like `outside_a2c`, in serial mode: workers and learner take turns in this process, so that steps
+per CPU-second are comparable. Its usual processes would distribute the work over more cores.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from torch import Tensor
 
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.policy.lsdnet import NetworkShape
-from activelsd.policy.trunks import make_trunk
+from activelsd.policy.trunks import Compact
 from activelsd.train.settings import TrainSettings
 
 
 class Features(Encoder):  # type: ignore[misc]
-    """The trunk's features of the frames, and the target's boxes beside them."""
+    """Concatenates this project's trunk features and the target boxes."""
 
     def __init__(self, config: Any, space: Any, *, shape: NetworkShape) -> None:
         super().__init__(config)
-        trunk = make_trunk(shape.trunk, shape.frames, shape.size, shape.features)
+        trunk = Compact(shape.frames, shape.size)
         self.trunk = trunk.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.width = trunk.features + 5 * shape.frames
 
     def get_out_size(self) -> int:
-        """Width of what `forward` gives."""
+        """Number of features that `forward` returns."""
         return self.width
 
     def forward(self, observation: dict[str, Tensor]) -> Tensor:
-        """From frames (N, K, S, S) in 0 to 255 and boxes (N, K, 5)."""
+        """Features from frames (N, K, S, S) in 0 to 255 and boxes (N, K, 5)."""
         frames = observation["frames"].to(torch.uint8)
         return torch.cat([self.trunk(frames), observation["target"].flatten(1)], 1)
 
@@ -51,7 +51,7 @@ class Features(Encoder):  # type: ignore[misc]
 def _env(
     make: Callable[[], ViewGraphEnv], name: str, config: Any, place: Any, render_mode: str | None = None
 ) -> ViewGraphEnv:
-    """An environment, as Sample Factory asks for one."""
+    """Makes an environment, with the arguments that Sample Factory passes."""
     return make()
 
 
@@ -59,7 +59,7 @@ def _env(
 def appo(
     make: Callable[[], ViewGraphEnv], shape: NetworkShape, settings: TrainSettings, device: str = "cpu"
 ) -> Iterator[Step]:
-    """An update of APPO; `make` is also sent to another process, which looks at an environment."""
+    """Gives a function that runs one APPO update; another process also calls `make`, to read the spaces."""
     log.setLevel(logging.ERROR)
     register_env("world", partial(_env, make))
     global_model_factory().register_encoder_factory(partial(Features, shape=shape))
@@ -80,7 +80,7 @@ def appo(
         "use_rnn": False,
         "recurrence": 1,
         "normalize_input": False,
-        "policy_initialization": "torch_default",  # orthogonal cannot fill weights laid out channels last
+        "policy_initialization": "torch_default",  # orthogonal does not support channels-last weights
         "train_for_env_steps": 10**12,
         "save_every_sec": 10**9,
         "use_env_info_cache": False,

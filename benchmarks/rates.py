@@ -1,4 +1,4 @@
-"""How often per second something is done: contestants measured in turns, so that noise is shared by all."""
+"""Measures rates of work of several contestants in turns, so that all share the machine's noise."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from typing import NamedTuple, TypeVar
 import torch
 
 Step = Callable[[], int]
-"""Does a piece of work; gives how much that was."""
+"""Does a piece of work and returns the amount."""
 
 MakeStep = Callable[[], AbstractContextManager[Step]]
-"""Makes a step, and clears up after it; what a process can be sent."""
+"""Makes a step and cleans up after it; must be picklable for `in_processes`."""
 
 Name = TypeVar("Name")
 
@@ -41,23 +41,22 @@ def rate(step: Step, seconds: float) -> Rate:
 
 
 def _finish() -> None:
-    """Wait for what a GPU was told to do."""
+    """Wait until a GPU has done its work."""
     if torch.cuda.is_initialized():  # type: ignore[no-untyped-call]
         torch.cuda.synchronize()
 
 
 def in_turns(contestants: Mapping[Name, Step], seconds: float, rounds: int) -> dict[Name, Rate]:
-    """The median rate of each over rounds in which all have their turn."""
+    """The median rate of each contestant over the rounds."""
     return _medians({name: rate(step, seconds) for name, step in contestants.items()} for _ in range(rounds))
 
 
 def in_processes(
     contestants: Mapping[Name, MakeStep], threads: int, seconds: float, rounds: int
 ) -> dict[Name, Rate]:
-    """As `in_turns`, each made in a process of its own with so many torch threads.
+    """Like `in_turns`, with each contestant in a process of its own that has so many PyTorch threads.
 
-    They share neither heap nor interpreter: what one leaves behind, or its threads do out of turn, slows no
-    other.
+    They share neither heap nor interpreter, so neither memory nor threads that one leaves slow another.
     """
     with ExitStack() as stack:
         pipes = {name: stack.enter_context(_contestant(make, threads)) for name, make in contestants.items()}
@@ -72,7 +71,7 @@ def in_processes(
 
 @contextmanager
 def _contestant(make: MakeStep, threads: int) -> Iterator[Connection]:
-    """A process that measures a step for as long as it is told to, until it is told no more."""
+    """A process that measures a step for the seconds that it is sent, until the pipe is closed."""
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     process = context.Process(target=_measure, args=(make, threads, there))
@@ -85,7 +84,7 @@ def _contestant(make: MakeStep, threads: int) -> Iterator[Connection]:
 
 
 def _measure(make: MakeStep, threads: int, pipe: Connection) -> None:
-    """Make a step and measure it, for as many seconds as each word on the pipe says."""
+    """Make a step and measure it for each number of seconds that the pipe brings."""
     torch.set_num_threads(threads)
     with make() as step:
         pipe.send(None)

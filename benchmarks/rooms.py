@@ -1,9 +1,9 @@
-"""How many pictures of a furnished room one core takes a second, with shadows and without.
+"""Images per second that one core renders of a furnished room, with and without shadows.
 
     python benchmarks/rooms.py --size 84 --triangles 100000
 
-The embedded furniture's triangles are halved until there are enough of them. The
-time is the process's own, so that whatever else runs on the machine counts little.
+The embedded furniture's triangles are subdivided until there are enough of them. The time is the process's
+CPU time, so that other load on the machine has little effect.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from activelsd.scenery.rooms.smallthings import KINDS, small_thing
 
 
 def finer(placed: Placed) -> Placed:
-    """The thing with every triangle cut into four."""
+    """The object with every triangle divided into four."""
     model = placed.model
     cut = subdivide(model.mesh.vertices, model.mesh.faces, return_index=True)  # type: ignore[no-untyped-call]
     vertices, faces, index = cut
@@ -37,7 +37,7 @@ def finer(placed: Placed) -> Placed:
 
 
 def detailed(room: Room, triangles: int) -> Room:
-    """The room with one thing after another cut finer, until there are enough triangles."""
+    """The room with its objects subdivided one after another until there are enough triangles."""
     things = list(room.things)
     count = sum(len(thing.model.mesh.faces) for thing in things)
     turn = 0
@@ -50,7 +50,7 @@ def detailed(room: Room, triangles: int) -> Room:
 
 
 def main() -> None:
-    """Make a room, look around in it, and report."""
+    """Furnishes a room, renders images of it, and prints the rates."""
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=plain)
     parser.add_argument("--size", type=int, default=84, help="side of the pictures in pixels")
@@ -72,7 +72,7 @@ def main() -> None:
             renderer.look(Camera(x, y, 1.3, yaw, -12.0, 60.0, args.size, args.size))
         rate = args.frames / (time.process_time() - began)
         print(
-            f"{'with' if shadows else 'without'} shadows: {rate:.0f} frames/s a core at"
+            f"{'with' if shadows else 'without'} shadows: {rate:.0f} frames/s per core at"
             f" {args.size}x{args.size}, {len(room.things)} things, {renderer.triangles} triangles"
         )
 

@@ -1,4 +1,4 @@
-"""A world whose steps take a set time and no computing, as a simulator's in another process do."""
+"""A world whose steps only sleep, like those of a simulator that computes in another process."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.viewgraph import ViewGraph
 
 ID = "sleeper:activelsd-benchmarks/Sleeper-v0"
-"""Gymnasium's id, with the module that registers it: this one, found beside the benchmark that runs."""
+"""The Gymnasium id, prefixed with the module that registers it, this one."""
 
 VIEWS, CLASSES, SIZE = 12, 16, 64
 
 
 class Sleeper(ViewGraphEnv):
-    """Rings of random views; every step takes `seconds`."""
+    """Rings of random views; every step takes at least `seconds`."""
 
     def __init__(self, *, seconds: float = 0.02) -> None:
         super().__init__(graph(), PRESETS["V4"], frames=1)
         self._seconds = seconds
 
     def step(self, action: np.int64 | int) -> Any:
-        """As the base, after a sleep."""
+        """Sleeps, then steps as the base does."""
         time.sleep(self._seconds)
         return super().step(action)
 
@@ -35,7 +35,7 @@ gymnasium.register("activelsd-benchmarks/Sleeper-v0", entry_point="sleeper:Sleep
 
 
 def graph() -> ViewGraph:
-    """An object of every class, seen from twelve sides; the frames are noise."""
+    """A graph with one object per class and twelve views each; the frames are noise."""
     views = np.arange(CLASSES * VIEWS)
     ring, angle = views // VIEWS * VIEWS, views % VIEWS
     names = tuple(f"object_{i}" for i in range(CLASSES))

@@ -1,17 +1,16 @@
-"""Steps per second of the trainer, of what the network alone allows, and of other frameworks, in one run.
+"""Steps per second of the trainer, of the network alone, and of other frameworks, in one run.
 
-The network alone does, on frames already in memory, an acting forward a step, or a learning step: forward,
-backward and the optimiser's; each at the best of several batch sizes and memory layouts, which is looked for
-first. On a GPU (`--device cuda`) each is one CUDA graph, as the trainer's update is there. The trainer does
-everything: episodes, exploration, losses, statistics; with resident actors, and with GA3C's in threads and in
-processes. So do the others, of those that are installed: Stable-Baselines3's A2C and Sample Factory's APPO
-with the same observations, network size, number of environments and of steps. Both get the trunk of this
-project with its layout, which compares trainers; the first gets one besides that computes the same as a user
-would write it, which compares what users have.
+The network alone runs on frames already in memory: "acting" is a forward pass, "learning" is forward,
+backward and optimiser step, each with the best of several batch sizes and memory layouts, found first. On a
+GPU (`--device cuda`) each is one CUDA graph, like the trainer's update there. The trainer does its full work
+(episodes, exploration, losses, statistics), with resident actors and with GA3C in threads and in processes.
+So do the other frameworks, if installed: Stable-Baselines3's A2C and Sample Factory's APPO, with the same
+observations, network size, number of environments and rollout length. Both use this project's trunk and
+layout, to compare trainers; A2C also runs with the same trunk in plain PyTorch, to compare what users get.
 
-All take turns, each in a process of its own (GA3C's agents stand still at a full training queue meanwhile),
-so a machine that slows down slows all. CPU time is that of a contestant's process: what GA3C's processes
-spend on their environments is not in it.
+All take turns, each in its own process (GA3C's agents wait at a full training queue meanwhile), so that a
+slower machine slows all of them. CPU time is that of the contestant's main process, without the environments
+in GA3C's processes.
 
     python benchmarks/throughput.py --seconds 3 --rounds 3
 """
@@ -33,8 +32,8 @@ from rates import MakeStep, Rate, Step, in_processes, in_turns
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
 from activelsd.envs.joint import OpenWorld
-from activelsd.envs.modelnet.env import modelnet_graph
 from activelsd.envs.viewgraph import ViewGraph
+from activelsd.envs.world import world_settings
 from activelsd.policy.lsdnet import NetworkShape
 from activelsd.train.actors.ga3c.ga3c_actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
@@ -47,14 +46,18 @@ from activelsd.train.statistics import Statistics
 from activelsd.train.trainer import Trainer, new_network
 
 BATCHES = (1, 2, 3, TrainSettings().length)
-"""That the network alone is tried with, times the number of episodes."""
+"""Batch sizes tried for the network alone, as multiples of the number of episodes."""
 
 LAYOUTS = {"channels last": torch.channels_last, "channels first": torch.contiguous_format}
-WORLD: dict[str, Any] = {"train_per_class": 20, "test_per_class": 2}
+WORLD: dict[str, Any] = {
+    "train_per_class": 20,
+    "test_per_class": 2,
+    "navigate": ["orbit_cw", "orbit_ccw"],
+}
 PARTS = ("acting", "learning")
 Actors = Literal["resident", "threads", "processes"]
 RESIDENT, THREADS, PROCESSES = "resident", "ga3c, threads", "ga3c, processes"
-CREWS: dict[str, Actors] = {RESIDENT: "resident", THREADS: "threads", PROCESSES: "processes"}
+ACTORS: dict[str, Actors] = {RESIDENT: "resident", THREADS: "threads", PROCESSES: "processes"}
 ON_GPU = {"kernel by kernel": {"cuda_graphs": False}, "compiled": {"compile": True}}
 BFLOAT16 = {"bfloat16": {"amp": True}}
 A2C, APPO = "Stable-Baselines3 A2C", "Sample Factory APPO, this trunk"
@@ -63,17 +66,17 @@ A2C_FAST = f"{A2C}, this trunk"
 
 @cache
 def graph() -> ViewGraph:
-    """What is played."""
-    return modelnet_graph(**WORLD)
+    """The recorded views of the benchmark's world."""
+    return world_settings("modelnet", WORLD).open()
 
 
 def one_env(frames: int) -> ViewGraphEnv:
-    """An environment by itself."""
+    """A single environment."""
     return ViewGraphEnv(graph(), PRESETS["V4"], frames=frames)
 
 
 def bare(shape: NetworkShape, batch: int, layout: str, device: str) -> tuple[Step, Step]:
-    """An acting forward, and a learning step, over a batch; on a GPU each is a CUDA graph."""
+    """Functions for an acting pass and a learning step on a batch; on a GPU each is a CUDA graph."""
     network = new_network(tree_of(graph()), shape, 0).to(device)
     network.to(memory_format=LAYOUTS[layout])  # type: ignore[call-overload]
     rng = np.random.default_rng(0)
@@ -106,14 +109,14 @@ def bare(shape: NetworkShape, batch: int, layout: str, device: str) -> tuple[Ste
 
 
 def replayed(part: Callable[[], None]) -> Callable[[], None]:
-    """As a CUDA graph."""
+    """Captures a function as a CUDA graph; returns a function that replays it."""
     for _ in range(WARM_UPS):
         warm_up(part)
     captured = torch.cuda.CUDAGraph()
     with torch.cuda.graph(captured):
         part()
 
-    def replay(_holds: object = part) -> None:  # what the graph reads and writes
+    def replay(_keep: object = part) -> None:  # keeps the graph's tensors alive
         captured.replay()
 
     return replay
@@ -123,31 +126,31 @@ def replayed(part: Callable[[], None]) -> Callable[[], None]:
 def best_bare(
     part: str, shape: NetworkShape, envs: int, device: str, seconds: float, rounds: int
 ) -> Iterator[Step]:
-    """Acting or learning at the batch and layout that were fastest in a trial of all."""
-    tried = {
+    """Gives acting or learning with the batch size and layout that were the fastest in a trial."""
+    candidates = {
         (times * envs, layout): bare(shape, times * envs, layout, device)[PARTS.index(part)]
         for times in BATCHES
         for layout in LAYOUTS
     }
-    rates = in_turns(tried, seconds, rounds)
+    rates = in_turns(candidates, seconds, rounds)
     best = max(rates, key=lambda which: rates[which].cpu if device == "cpu" else rates[which].wall)
     print(f"{part} alone is fastest at a batch of {best[0]}, {best[1]}", flush=True)
-    yield tried[best]
+    yield candidates[best]
 
 
 @contextmanager
 def trainer(
     shape: NetworkShape, settings: TrainSettings, actors: Actors, agents: int, device: str
 ) -> Iterator[Step]:
-    """An update of the trainer."""
+    """Gives a function that runs one update of the trainer."""
     if actors == "resident":
         world = OpenWorld("modelnet", graph(), PRESETS["V4"])
-        crew = on_recordings([world], settings, frames=shape.frames, device=device)
+        make_actors = on_recordings([world], settings, frames=shape.frames, device=device)
     else:
-        crew = ga3c(shape, settings, actors, agents)
+        make_actors = ga3c(shape, settings, actors, agents)
     with tempfile.TemporaryDirectory() as folder:
         run, sums = Run.create(Path(folder), "throughput", ""), Statistics()
-        made = Trainer(run, tree_of(graph()), shape, settings, crew, seed=0, device=device)
+        made = Trainer(run, tree_of(graph()), shape, settings, make_actors, seed=0, device=device)
 
         def step() -> int:
             before = made.step
@@ -161,17 +164,17 @@ def trainer(
 def ga3c(
     shape: NetworkShape, settings: TrainSettings, kind: Literal["processes", "threads"], agents: int
 ) -> MakeActors:
-    """GA3C's actors with as many episodes side by side as the resident ones."""
+    """GA3C's actors, with as many parallel episodes as the resident ones."""
     chosen = GA3CSettings(kind=kind, agents=agents, envs_per_agent=settings.envs // agents)
     world: EnvSpec | Callable[[], ViewGraphEnv] = partial(one_env, shape.frames)
     if kind == "processes":
-        kwargs = {"rules": "V4", "frames": shape.frames, **WORLD}
-        world = EnvSpec(id="activelsd.envs:activelsd/ModelNet-v0", kwargs=kwargs, tree=tree_of(graph()))
+        kwargs = {"world": "modelnet", "frames": shape.frames, **WORLD}
+        world = EnvSpec(id="activelsd.envs:activelsd/World-v0", kwargs=kwargs, tree=tree_of(graph()))
     return lambda network, seed: GA3CActors(world, network, chosen, settings.length, seed)
 
 
 def others(shape: NetworkShape, settings: TrainSettings, device: str) -> dict[str, MakeStep]:
-    """The frameworks that are installed, and a line on how to get those that are not."""
+    """The installed frameworks; prints how to install the missing ones."""
     found: dict[str, MakeStep] = {}
     make = partial(one_env, shape.frames)
     try:
@@ -186,10 +189,10 @@ def others(shape: NetworkShape, settings: TrainSettings, device: str) -> dict[st
 
         found[APPO] = partial(appo, make, shape, settings, device)
     except ModuleNotFoundError as error:
-        # It asks for Gymnasium before 1.0 and NumPy before 2, but runs with the first as it is here, and with
-        # the second while an array of one element may stand for a number.
+        # It requires Gymnasium < 1.0 and NumPy < 2, but also runs with this Gymnasium, and with any NumPy
+        # that still converts arrays of one element to numbers.
         print(
-            f"without {APPO} ({error}): in an environment of its own, pip install --no-deps "
+            f"without {APPO} ({error}): in a separate environment, pip install --no-deps "
             "sample-factory==2.1.1 faster-fifo signal-slot-mp colorlog tensorboardX psutil threadpoolctl "
             "'numpy<2.4'"
         )
@@ -197,24 +200,24 @@ def others(shape: NetworkShape, settings: TrainSettings, device: str) -> dict[st
 
 
 def report(rates: Mapping[str, Rate]) -> None:
-    """Print rates, and the ratios that matter."""
+    """Prints the rates and the ratios between them."""
     acting, learning = (rates[f"{part} alone"] for part in PARTS)
     both = Rate(*(1 / (1 / act + 1 / learn) for act, learn in zip(acting, learning, strict=True)))
-    for name, own in ({**rates, "acting plus learning": both}).items():
-        print(f"{name:42} {own.wall:7.0f} steps/s {1e6 / own.cpu:7.0f} us of CPU a step")
+    for name, rate in ({**rates, "acting plus learning": both}).items():
+        print(f"{name:42} {rate.wall:7.0f} steps/s {1e6 / rate.cpu:7.0f} us of CPU per step")
     residents = [name for name in rates if name.startswith(RESIDENT)]
     ratios = [
         *((name, "learning alone", learning) for name in residents),
         *((name, "acting plus learning", both) for name in (*residents, THREADS, PROCESSES)),
-        *((own, name, rates[name]) for own in residents for name in (A2C, A2C_FAST, APPO) if name in rates),
+        *((one, name, rates[name]) for one in residents for name in (A2C, A2C_FAST, APPO) if name in rates),
     ]
-    for name, reference, than in ratios:
-        wall, cpu = (own / other for own, other in zip(rates[name], than, strict=True))
+    for name, reference, rate in ratios:
+        wall, cpu = (one / other for one, other in zip(rates[name], rate, strict=True))
         print(f"{name} / {reference}: {wall:.2f} by wall time, {cpu:.2f} by CPU time")
 
 
 def main() -> None:
-    """Print tables."""
+    """Prints the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -225,10 +228,12 @@ def main() -> None:
     parser.add_argument(
         "--amp",
         action="store_true",
-        help="resident once more, its passes in bfloat16: for processors made for it",
+        help="also measure resident actors in bfloat16, for processors that support it",
     )
-    parser.add_argument("--agents", type=int, default=4, help="of ga3c; the episodes are dealt out to them")
-    parser.add_argument("--envs", type=int, default=TrainSettings().envs, help="episodes side by side")
+    parser.add_argument(
+        "--agents", type=int, default=4, help="GA3C agents; the episodes are split among them"
+    )
+    parser.add_argument("--envs", type=int, default=TrainSettings().envs, help="number of parallel episodes")
     parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"))
     options = parser.parse_args()
 
@@ -241,7 +246,7 @@ def main() -> None:
     }
     contestants |= {
         name: partial(trainer, shape, settings, actors, options.agents, device)
-        for name, actors in CREWS.items()
+        for name, actors in ACTORS.items()
     }
     switches = (ON_GPU if device == "cuda" else {}) | (BFLOAT16 if options.amp else {})
     contestants |= {

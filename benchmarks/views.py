@@ -1,9 +1,9 @@
-"""How much the embedded shapes reward looking around: supervised accuracy by number of views.
+"""Supervised accuracy on the embedded shapes by number of views: the possible gain from looking around.
 
-One classifier is trained for each number of views: 1, 4 a quarter-turn apart, and all 12, their features
-pooled by maximum as in MVCNN (Su et al. 2015, https://arxiv.org/abs/1505.00880). The epoch that is kept is
-the best on a tenth of the training objects; the test objects are only reported on. An agent that picks
-its views can be expected between the first row and the last.
+One classifier is trained for each number of views: 1, 4 (90 degrees apart), and all 12, with max-pooled
+features as in MVCNN (Su et al. 2015, https://arxiv.org/abs/1505.00880). The best epoch is chosen on a tenth
+of the training objects; the test objects are used only for the final accuracy. An agent that chooses its
+views should be between the first and the last row.
 
     python benchmarks/views.py --per-class-train 150 --per-class-test 20 --epochs 14
 """
@@ -28,20 +28,20 @@ from activelsd.scenery.shapes import CATEGORIES, make_shape
 
 AZIMUTHS = 12
 ELEVATION = 30.0
-TRAIN, TEST = 0, 1  # numbers of the splits in the seeds
-BATCH = 192  # frames, however many of them make an example
-VAL_EVERY = 10  # the tenth object of each ten is for validation
+TRAIN, TEST = 0, 1  # indices of the splits in the seeds
+BATCH = 192  # frames per batch, for any number of views
+VAL_EVERY = 10  # every tenth object is for validation
 
 
 class Rings(NamedTuple):
-    """Objects seen from all around."""
+    """Rings of 12 views around N objects."""
 
     frames: Tensor  # uint8 (N, 12, S, S)
     labels: Tensor  # int64 (N,)
 
 
 def ring(seed: tuple[int, int, int, int], size: int) -> NDArray[np.uint8]:
-    """Views (12, S, S) of the object that a seed, split, category and number stand for."""
+    """Views (12, S, S) of the object given by (seed, split, category, number)."""
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     mesh = make_shape(CATEGORIES[seed[2]], rng)
     azimuths = [i * 360 / AZIMUTHS for i in range(AZIMUTHS)]
@@ -49,7 +49,7 @@ def ring(seed: tuple[int, int, int, int], size: int) -> NDArray[np.uint8]:
 
 
 def draw(seed: int, split: int, per_class: int, size: int) -> Rings:
-    """Make and render a split over all cores."""
+    """Makes and renders a split on all cores."""
     jobs = [
         ((seed, split, category, i), size) for category in range(len(CATEGORIES)) for i in range(per_class)
     ]
@@ -62,13 +62,13 @@ class ViewPool(nn.Module):
     """The compact trunk for each view, the maximum over the views, and a linear layer to the classes."""
 
     def __init__(self, size: int, classes: int) -> None:
-        """Build for square frames of `size` pixels."""
+        """Builds the network for square frames of `size` pixels."""
         super().__init__()
         self.trunk = Compact(1, size)
         self.classes = nn.Linear(self.trunk.features, classes)
 
     def forward(self, frames: Tensor) -> Tensor:
-        """Logits (B, classes) of uint8 frames (B, K, S, S)."""
+        """Logits (B, classes) for uint8 frames (B, K, S, S)."""
         b, k, s, _ = frames.shape
         x = self.trunk(frames.reshape(b * k, 1, s, s))
         logits: Tensor = self.classes(x.reshape(b, k, -1).amax(dim=1))
@@ -76,14 +76,14 @@ class ViewPool(nn.Module):
 
 
 def select(rings: Rings, objects: Tensor, starts: Tensor, views: int) -> Tensor:
-    """Frames (B, views, S, S) of objects (B,) spread evenly around the ring from a start (B,) each."""
+    """Frames (B, views, S, S) of objects (B,), evenly spaced around the ring from starts (B,)."""
     steps = torch.arange(views) * (AZIMUTHS // views)
     return rings.frames[objects[:, None], (starts[:, None] + steps) % AZIMUTHS]
 
 
 @torch.no_grad()
 def predict(model: ViewPool, rings: Rings, views: int) -> Tensor:
-    """Classes (N, starts) that the model gives from every start that makes a difference."""
+    """Predicted classes (N, starts), for every start that gives a different set of views."""
     n, starts = len(rings.labels), AZIMUTHS // views
     model.eval()
     columns = []
@@ -95,12 +95,12 @@ def predict(model: ViewPool, rings: Rings, views: int) -> Tensor:
 
 
 def accuracy(classes: Tensor, labels: Tensor) -> float:
-    """Share of (N, starts) predictions that name the object."""
+    """Fraction of (N, starts) predictions that are right."""
     return float((classes == labels[:, None]).double().mean())
 
 
 def fit(train: Rings, val: Rings, views: int, args: argparse.Namespace) -> tuple[ViewPool, float]:
-    """Train by Adam until the epochs or the seconds are spent; the best epoch on val, and its accuracy."""
+    """Trains with Adam for the given epochs or seconds; returns the best epoch on val and its accuracy."""
     torch.manual_seed(args.seed)
     model = ViewPool(args.size, len(CATEGORIES))
     optimiser = torch.optim.Adam(model.parameters(), lr=args.rate)
@@ -135,27 +135,27 @@ def fit(train: Rings, val: Rings, views: int, args: argparse.Namespace) -> tuple
 
 
 def confusion(classes: Tensor, labels: Tensor) -> str:
-    """A line per category: its accuracy and what it is mostly taken for."""
+    """One line per category: its accuracy and the categories it is confused with most often."""
     lines = []
     for i, name in enumerate(CATEGORIES):
-        given = torch.bincount(classes[labels == i].flatten(), minlength=len(CATEGORIES)).double()
-        given /= given.sum()
-        others = [j for j in given.argsort(descending=True).tolist() if j != i and given[j] >= 0.03]
-        taken = ", ".join(f"{CATEGORIES[j]} {given[j]:.2f}" for j in others[:5])
-        lines.append(f"  {name:12} {given[i]:.2f}   {taken}")
+        rates = torch.bincount(classes[labels == i].flatten(), minlength=len(CATEGORIES)).double()
+        rates /= rates.sum()
+        others = [j for j in rates.argsort(descending=True).tolist() if j != i and rates[j] >= 0.03]
+        confused = ", ".join(f"{CATEGORIES[j]} {rates[j]:.2f}" for j in others[:5])
+        lines.append(f"  {name:12} {rates[i]:.2f}   {confused}")
     return "\n".join(lines)
 
 
 def main() -> None:
-    """Make the objects, train and report."""
+    """Makes the objects, trains the classifiers and prints the table."""
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=plain)
     parser.add_argument("--per-class-train", type=int, default=150)
     parser.add_argument("--per-class-test", type=int, default=20)
     parser.add_argument("--size", type=int, default=64)
     parser.add_argument("--views", type=int, nargs="+", default=[1, 4, 12], help="divisors of 12")
-    parser.add_argument("--epochs", type=int, default=14, help="frames drawn, in sets")
-    parser.add_argument("--seconds", type=float, default=600.0, help="most time to train a row")
+    parser.add_argument("--epochs", type=int, default=14, help="passes over all training frames")
+    parser.add_argument("--seconds", type=float, default=600.0, help="longest training time of a row")
     parser.add_argument("--rate", type=float, default=1e-3)
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--seed", type=int, default=0)

@@ -1,9 +1,9 @@
-"""Views per second of the graph walker alone: a batch of episodes stepped and looked at, no network.
+"""Views per second of `ViewGraphVectorEnv` alone: steps and observations of a batch, without a network.
 
-The graph is as large as the published Active Vision Dataset: 20,916 views, 54,247 boxes with a crop each, 14
-scans, six moves, made up. A step takes the moves of a batch (drawn beforehand, one in twelve an answer) and
-gathers frame, crop and box of each, K = 1. What a single view moves is its bytes read and written; beside it
-stands what the machine copies from one large array to another, counted in the same way.
+The graph is random, but as large as the published Active Vision Dataset: 20,916 views, 54,247 boxes with a
+crop each, 14 scans, six moves. A step takes a batch of actions (drawn before, one in twelve an answer) and
+gathers each episode's frame, crop and box, K = 1. Bandwidth counts the bytes read and written per view, and
+is compared with copying one large array to another on the same machine.
 
     python benchmarks/walker.py --threads 2
 """
@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 
-# Before torch is imported: threads that spin while they wait starve each other where cores are shared.
+# Set before torch is imported: busy-waiting threads slow each other down if they share cores.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import numpy as np
@@ -30,7 +30,7 @@ BATCHES = (64, 128, 256, 512, 1024, 4096)
 
 
 def graph(size: int) -> ViewGraph:
-    """As large as the real one, its edges and boxes drawn within each scan."""
+    """A random graph as large as the real one, with edges and boxes within each scan."""
     rng = np.random.default_rng(0)
     scene_of = np.arange(VIEWS) * SCANS // VIEWS
     first = np.searchsorted(scene_of, np.arange(SCANS + 1))
@@ -62,7 +62,7 @@ def graph(size: int) -> ViewGraph:
 
 
 def walker(views: ViewGraph, batch: int) -> Step:
-    """Steps of a batch; gives the views it stands for."""
+    """A function that steps a batch and returns the number of views."""
     env = ViewGraphVectorEnv(views, EpisodeRules(ends_on_wrong=True), num_envs=batch, frames=1)
     env.begin(0)
     drawn = torch.Generator().manual_seed(0)
@@ -81,7 +81,7 @@ def walker(views: ViewGraph, batch: int) -> Step:
 
 
 def copier(megabytes: int = 256) -> Step:
-    """A copy between two arrays that fit no cache; gives the bytes read and written."""
+    """A function that copies an array larger than any cache and returns the bytes read and written."""
     source = torch.ones(megabytes * 2**20, dtype=torch.uint8)
     target = torch.zeros_like(source)
 
@@ -93,7 +93,7 @@ def copier(megabytes: int = 256) -> Step:
 
 
 def main() -> None:
-    """Print a table."""
+    """Prints the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -109,7 +109,7 @@ def main() -> None:
     rates = in_turns(contestants | {"copy": copier()}, options.seconds, options.rounds)
     copied = rates.pop("copy").wall
     moved = 2 * (2 * options.size**2 + 5 * 4)  # frame, crop and box, read and written
-    print(f"{options.size} px, {options.threads} torch thread(s), {moved} bytes read and written a view")
+    print(f"{options.size} px, {options.threads} torch thread(s), {moved} bytes read and written per view")
     for name, (wall, cpu) in rates.items():
         print(
             f"{name}  {wall / 1e6:5.2f} M views/s  {wall * moved / 1e9:5.1f} GB/s"

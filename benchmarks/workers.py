@@ -1,8 +1,8 @@
-"""Steps per second of the trainer with resident actors, and with Ray's workers on this machine, in turns.
+"""Steps per second of the trainer with resident actors and with Ray's workers on this machine, in turns.
 
-The same number of episodes is played side by side by all: the resident's 64, dealt out to the workers. The
-learner has one thread of PyTorch, as each worker has. A row each: steps per second, and of Ray's the share of
-the time that the learner waits, and its lag in updates.
+All play the same number of episodes in parallel: 64, divided among the workers. The learner has one PyTorch
+thread, as each worker has. Prints a row each: steps per second, and for Ray the share of the time that the
+learner waits, and its lag in updates.
 
     python benchmarks/workers.py --workers 1 2 --seconds 10 --rounds 3
 """
@@ -21,7 +21,7 @@ import torch
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.joint import OpenWorld
-from activelsd.envs.modelnet.env import modelnet_graph
+from activelsd.envs.world import world_settings
 from activelsd.policy.lsdnet import NetworkShape
 from activelsd.train.actors.interface import MakeActors
 from activelsd.train.actors.ray.ray_actors import RayActors
@@ -31,12 +31,16 @@ from activelsd.train.settings import RaySettings, TrainSettings
 from activelsd.train.statistics import Statistics
 from activelsd.train.trainer import Trainer
 
-WORLD: dict[str, Any] = {"train_per_class": 20, "test_per_class": 2}
+WORLD: dict[str, Any] = {
+    "train_per_class": 20,
+    "test_per_class": 2,
+    "navigate": ["orbit_cw", "orbit_ccw"],
+}
 
 
 def worlds() -> list[OpenWorld]:
-    """What is played."""
-    return [OpenWorld("modelnet", modelnet_graph(**WORLD), PRESETS["V4"])]
+    """The worlds that are played."""
+    return [OpenWorld("modelnet", world_settings("modelnet", WORLD).open(), PRESETS["V4"])]
 
 
 def measure(workers: int, seconds: float) -> tuple[float, dict[str, float]]:
@@ -75,10 +79,10 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)
 
-    crews = [0, *options.workers]
-    found: dict[int, list[tuple[float, dict[str, float]]]] = {workers: [] for workers in crews}
+    counts = [0, *options.workers]
+    found: dict[int, list[tuple[float, dict[str, float]]]] = {workers: [] for workers in counts}
     for _ in range(options.rounds):
-        for workers in crews:
+        for workers in counts:
             found[workers].append(measure(workers, options.seconds))
     for workers, rounds in found.items():
         rate = statistics.median(rate for rate, _ in rounds)

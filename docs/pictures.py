@@ -1,7 +1,7 @@
-"""Makes the pictures of these pages.
+"""Draws pictures of these pages.
 
 python docs/pictures.py shapes                    the embedded shapes, six views each
-python docs/pictures.py curves RUN [RUN ...]      what runs did while they learned
+python docs/pictures.py curves RUN [RUN ...]      metrics of runs during training
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from activelsd.envs.modelnet.env import modelnet_graph
+from activelsd.envs.world import world_settings
 
 HERE = Path(__file__).parent / "pictures"
 CURVES = {
@@ -28,8 +28,8 @@ CURVES = {
 
 
 def shapes() -> Figure:
-    """A row of two objects a class, each from three sides."""
-    graph = modelnet_graph()
+    """Two training objects of each class, each from three sides."""
+    graph = world_settings("modelnet", {}).open()
     figure = Figure(figsize=(11, 8.4), dpi=90)
     grid = figure.subplots(8, 2, gridspec_kw={"wspace": 0.02, "hspace": 0.28})
     for axes, category in zip(grid.T.flat, graph.classes, strict=True):
@@ -58,7 +58,7 @@ def curves(runs: list[Path]) -> Figure:
 
 
 def main() -> None:
-    """Write the picture asked for."""
+    """Write the chosen picture to `pictures`."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

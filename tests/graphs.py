@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
+from activelsd.envs.modelnet.datasets import Dataset, open_dataset
 from activelsd.envs.modelnet.orbit import AZIMUTHS, with_moves
+from activelsd.envs.modelnet.settings import DatasetSettings
 from activelsd.envs.viewgraph import ViewGraph
 
 MOVES = ("forward", "back", "left", "right")
@@ -111,3 +114,8 @@ def room_graph(*, crops: bool = True, size: int = 12, rooms: int = 3, seed: int 
         boxes=np.concatenate([centre, extent], 1).astype(np.float32),
         crops=pictures if crops else None,
     )
+
+
+def opened(path: Path | None, **options: object) -> Dataset:
+    """A dataset with these settings, whatever the schema would say of them."""
+    return open_dataset(DatasetSettings.model_construct(path=path, **options))

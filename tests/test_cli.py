@@ -51,7 +51,7 @@ def test_exit_codes_of_the_process() -> None:
     command = [sys.executable, "-m", "activelsd"]
     wrong = subprocess.run([*command, "train", "env=modlnet"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 2
-    assert wrong.stderr == "activelsd: There is no env preset 'modlnet'; did you mean modelnet?\n"
+    assert wrong.stderr == "activelsd: There is no world 'modlnet'; did you mean modelnet?\n"
     assert wrong.stdout == ""
     # A reader that has gone is no reason for a traceback.
     piped = subprocess.Popen(
@@ -179,7 +179,7 @@ def test_envs_and_doctor_report(
     monkeypatch.chdir(tmp_path)
     assert cli.main(["envs"]) == 0
     listed = capsys.readouterr().out
-    assert "activelsd/ModelNet-v0" in listed
+    assert 'activelsd/World-v0 world="modelnet"' in listed
     assert "orbit_cw" in listed
     assert cli.main(["doctor"]) in (0, 1)
     report = capsys.readouterr().out

@@ -2,39 +2,46 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Any, ClassVar
 
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 
-from activelsd import config as schema
+from activelsd import registry
 from activelsd.compose import change, load, resolve, sweep
-from activelsd.config import JointSettings, ModelNetSettings, RunConfig, Section, dump, worlds
+from activelsd.config import RunConfig
+from activelsd.envs.settings import WorldSettings
 from activelsd.errors import ConfigError
 from activelsd.presets import groups
+from activelsd.sections import Schema, Setting, dump
 
 ALL_PRESETS = [(group, name) for group, names in groups().items() for name in names]
 
 
-class HomeSettings(Section):
-    """A second world, for the tests of what a union of worlds does."""
+class HomeSettings(WorldSettings):
+    """A world of another package, as the registry finds it."""
 
-    name: Literal["home"] = "home"
+    advice: ClassVar[dict[str, Any]] = {"train.gamma": 0.55, "train.envs": 7}
     scan: str = "Home_001_1"
-    size: int = Field(84, ge=32)
+
+    @classmethod
+    def moves(cls) -> tuple[str, ...]:
+        return ("on", "back", "up", "down")
 
 
-class TwoWorlds(RunConfig):
-    env: Annotated[ModelNetSettings | HomeSettings, Field(discriminator="name")]  # type: ignore[assignment]
+@pytest.fixture(autouse=True)
+def home(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(registry.worlds._added, "home", HomeSettings)
 
 
 @pytest.mark.parametrize(("group", "name"), ALL_PRESETS)
 def test_every_preset_composes(group: str, name: str) -> None:
-    world = [] if group in ("env", "experiment") else ["env=modelnet"]
+    world = [] if group == "experiment" else ["env=modelnet"]
     config = resolve([*world, f"{group}={name}"])
     assert isinstance(config, RunConfig)
     if group == "experiment":
@@ -48,30 +55,31 @@ def test_paper_experiment_keeps_the_papers_values() -> None:
     assert config.env.rules.preset == "V0"
     assert config.env.dataset.split == "lsdnet"
     policy, train = config.policy, config.train
-    assert (policy.trunk, policy.memory, policy.frames, policy.head) == ("alexnet", "stack", 3, "tree")
+    parts = (policy.trunk.kind, policy.memory.kind, policy.frames, policy.head)
+    assert parts == ("alexnet", "stack", 3, "tree")
     assert (train.gamma, train.length, train.reward_clip, train.clip_norm) == (0.5, 10, 1.0, None)
     assert (train.optimiser, train.learning_rate, train.optimiser_epsilon) == ("rmsprop", 3e-4, 0.1)
-    assert train.supervised == 0
+    assert train.terms == {"supervised": 0}
     assert train.entropy_leaf.start == train.entropy_leaf.end == 0.01
 
 
 def test_last_layer_wins(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
-    file.write_text("env: modelnet\ntrain: paper\ntrain.gamma: 0.7\npolicy:\n  features: 64\n")
+    file.write_text("env: modelnet\ntrain: paper\ntrain.gamma: 0.7\npolicy:\n  trunk.features: 64\n")
     config = resolve([f"experiment={file}", "train.length=2"])
     assert config.name == "mine"
     assert config.train.learning_rate == 3e-4  # the preset
     assert config.train.gamma == 0.7  # the experiment, over the preset
     assert config.train.length == 2  # the command line, over the preset
-    assert config.policy.features == 64
-    assert config.policy.memory == "pool"  # the schema
+    assert config.policy.trunk.own() == {"features": 64}
+    assert config.policy.memory.kind == "pool"  # the schema
 
 
 def test_preset_on_the_command_line_replaces_the_experiments() -> None:
     config = resolve(["train=default", "experiment=paper", "train.gamma=0.9", "train.gamma=0.8"])
     assert config.train.learning_rate == resolve(["env=modelnet"]).train.learning_rate
     assert config.train.gamma == 0.8
-    assert config.policy.trunk == "alexnet"
+    assert config.policy.trunk.kind == "alexnet"
 
 
 @pytest.mark.parametrize(
@@ -138,10 +146,31 @@ def test_other_half_of_a_nested_default_stays() -> None:
         ("env.navigate=[a", "env.navigate=[a: must be a list, as in [a,b]."),
         ("env.elevations=x", "env.elevations=x: must be a number."),
         ("env.navigate=[]", "env.navigate=[]: must be a list of at least 1."),
-        ("policy.memory=pol", "policy.memory=pol: must be 'stack', 'lstm' or 'pool'; did you mean pool?"),
+        ("env.navigate=orbit_cww", "The ModelNet world has no move 'orbit_cww'; did you mean orbit_cw?"),
+        (
+            "env.branches.classify=[orbit_cw]",
+            "env.branches.classify: the branch 'classify' is the classes'; name another for these moves.",
+        ),
+        (
+            "env.branches.navigate=[orbit_cw]",
+            "env.branches.navigate: the branch 'navigate' is of env.navigate; name another for these",
+        ),
+        ("env.branches.tilt=orbt_up", "The ModelNet world has no move 'orbt_up'; did you mean orbit_up?"),
+        (
+            "env.elevations=[60,0]",
+            "env.elevations=[60,0] must rise, since orbit_up goes to the next; write [0,60].",
+        ),
+        ("env.rules=V9", "env.rules.preset=V9: must be 'V0', 'V1', 'V2', 'V3', 'V4', 'V5' or 'V6'"),
+        ("policy.memory=pol", "There is no memory 'pol'; did you mean pool?"),
+        ("policy.trunk=alexnet policy.trunk.features=8", "policy.trunk.features is not a setting; "),
+        ("policy.features=8", "policy.features is called policy.trunk.features now."),
+        ("train.guided=1", "train.guided is called train.terms.guided now."),
+        ("train.terms.gided=1", "There is no loss term 'gided'; did you mean guided?"),
+        ("train.loggers=[tensorbord]", "There is no logger 'tensorbord'; did you mean tensorboard?"),
+        ("train.terms.guided=x", "train.terms.guided=x: must be a number."),
         ("name=a/b", "name=a/b: must be letters, digits and . _ + - only, or null."),
-        ("policy=paper env.size=32", "policy.trunk=alexnet needs env.size of at least 63 pixels, not 32."),
-        ("env.name=moon", "There is no world 'moon'; there are modelnet, avd, thor."),
+        ("env.name=hme", "There is no world 'hme'; did you mean home?"),
+        ("env.name=xyz", "There is no world 'xyz'; there are modelnet, avd, thor, home."),
         ("word", "'word' is not a setting; write key=value, as in env=modelnet or seed=1."),
     ],
 )
@@ -164,7 +193,7 @@ def test_a_world_is_needed() -> None:
             "train.gama is not a setting (in {file}); did you mean train.gamma?",
         ),
         ("env: modelnet\ntrain: {gamma: x}", "train.gamma=x (in {file}): must be a number."),
-        ("env: mars", "There is no env preset 'mars' (in {file}); there are avd, modelnet, thor."),
+        ("env: xyz", "There is no world 'xyz' (in {file}); there are modelnet, avd, thor, home."),
         ("- a\n- b", "{file} holds no settings; write one `key: value` a line."),
         ("a: [", "{file} is not YAML: while parsing"),
     ],
@@ -178,24 +207,13 @@ def test_wrong_files_are_named(tmp_path: Path, text: str, sentence: str) -> None
 
 
 def test_key_of_another_world_says_which() -> None:
-    assert set(worlds(TwoWorlds)) == {"modelnet", "home"}
-    assert resolve(["env.name=home", "env.size=96"], TwoWorlds).env.size == 96
+    assert resolve(["env.name=home", "env.size=96"]).env.size == 96
     with pytest.raises(
-        ConfigError, match=r"^env\.scan is a setting of the world home, and this run's world is"
+        ConfigError, match=r"^env\.task is a setting of the world avd, and this run's world is h"
     ):
-        resolve(["env=modelnet", "env.scan=x"], TwoWorlds)
+        resolve(["env=home", "env.task=x"])
     with pytest.raises(ConfigError, match=r"^env\.size=x: must be a whole number\.$"):
-        resolve(["env.name=home", "env.size=x"], TwoWorlds)
-
-
-class HomesAndModelNet(JointSettings):
-    __pydantic_extra__: dict[str, Annotated[ModelNetSettings | HomeSettings, Field(discriminator="name")]]
-
-
-class SeveralWorlds(RunConfig):
-    env: Annotated[ModelNetSettings | HomeSettings, Field(discriminator="name")] | HomesAndModelNet = Field(
-        discriminator="name"
-    )  # type: ignore[assignment]
+        resolve(["env=home", "env.size=x"])
 
 
 @pytest.fixture
@@ -216,8 +234,8 @@ def presets(tmp_path: Path) -> Path:
 def test_several_worlds_have_their_own_settings_and_share_what_is_said_to_all(presets: Path) -> None:
     words = [f"env=modelnet,{presets}/flat.yaml,{presets}/house.yaml", "env.house.size=64", "env.size=96"]
     with pytest.raises(ConfigError, match=r"^One network needs frames of one size, not env\.modelnet"):
-        resolve(words, SeveralWorlds)
-    config = resolve([*words, "env.house.size=96", "env.scan=x", "env.navigate=orbit_cw"], SeveralWorlds)
+        resolve(words)
+    config = resolve([*words, "env.house.size=96", "env.scan=x", "env.modelnet.navigate=orbit_cw"])
     assert list(config.worlds) == ["modelnet", "flat", "house"]
     assert [type(world).__name__ for world in config.worlds.values()] == [
         "ModelNetSettings",
@@ -232,27 +250,28 @@ def test_several_worlds_have_their_own_settings_and_share_what_is_said_to_all(pr
 
     file = presets / "config.yaml"
     file.write_text(dump(config))
-    assert load(file, SeveralWorlds) == config
+    assert load(file) == config
     changed = change(config, ["env.cache=/c"], ("env.cache",), "a run stays as it is")
-    assert changed.worlds["modelnet"].cache == Path("/c")
-    assert changed.worlds["flat"] == config.worlds["flat"]
+    assert [world.cache for world in changed.worlds.values()] == [Path("/c")] * 3
+    own = change(config, ["env.flat.cache=/c"], ("env.flat.cache",), "a run stays as it is")
+    assert own.worlds["modelnet"] == config.worlds["modelnet"]
 
 
 def test_an_experiment_may_list_worlds(presets: Path) -> None:
-    config = resolve([f"experiment={presets}/both.yaml"], SeveralWorlds)
+    config = resolve([f"experiment={presets}/both.yaml"])
     assert {name: world.size for name, world in config.worlds.items()} == {"modelnet": 32, "house": 32}
-    one = resolve([f"experiment={presets}/both.yaml", "env=modelnet"], SeveralWorlds)
+    one = resolve([f"experiment={presets}/both.yaml", "env=modelnet"])
     assert list(one.worlds) == ["modelnet"]
     assert one.env.size == 32
-    names = [c.name for c in sweep([f"env=modelnet,{presets}/flat.yaml"], ["env.size=64,96"], SeveralWorlds)]
+    names = [c.name for c in sweep([f"env=modelnet,{presets}/flat.yaml"], ["env.size=64,96"])]
     assert names == ["modelnet+flat-size-64", "modelnet+flat-size-96"]
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("env=modelnet,modelnet", "env names 'modelnet' twice; give each world its own preset."),
-        ("env=modelnet,mars", "There is no env preset 'mars'; there are "),
+        ("env=modelnet,modelnet", "env names 'modelnet' twice; name each world once."),
+        ("env=modelnet,xyz", "There is no world 'xyz'; there are modelnet, avd, thor, home."),
         (
             "env=modelnet,{0}/nameless.yaml",
             "{0}/nameless.yaml does not say which world it is for; add",
@@ -269,7 +288,7 @@ def test_an_experiment_may_list_worlds(presets: Path) -> None:
             "env.flat.scn is not a setting; did you mean env.flat.s",
         ),
         ("env=modelnet,{0}/flat.yaml env.sise=64", "env.sise is not a setting; did you mean env.size?"),
-        ("env=modelnet,{0}/flat.yaml env.flat.navigate=[x]", "env.flat.navigate is not a setting;"),
+        ("env=modelnet,{0}/flat.yaml env.flat.navigate=[x]", "The Home world has no move 'x'; there are on"),
         ("env.name=joint env.a.name=home", "A joint run needs two worlds or more; name them as in"),
         (
             "env=modelnet,{0}/flat.yaml env.size=96 train.actors=ga3c",
@@ -279,7 +298,7 @@ def test_an_experiment_may_list_worlds(presets: Path) -> None:
 )
 def test_wrong_words_about_several_worlds(presets: Path, words: str, sentence: str) -> None:
     with pytest.raises(ConfigError) as error:
-        resolve(words.format(presets).split(), SeveralWorlds)
+        resolve(words.format(presets).split())
     assert str(error.value).startswith(sentence.format(presets))
 
 
@@ -291,11 +310,36 @@ def test_speed_switches_are_for_resident_actors(switch: str, actors: str) -> Non
         resolve(["env=modelnet", f"train.{switch}=true", f"train.actors={actors}"])
 
 
+def test_advice_for_a_part_is_not_for_another_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(HomeSettings, "advice", {"policy.trunk.features": 24, "train.gamma": 0.5})
+    assert resolve(["env=home"]).policy.trunk.own() == {"features": 24}
+    config = resolve(["env=home", "policy.trunk=alexnet"])
+    assert (config.policy.trunk.own(), config.train.gamma) == ({}, 0.5)
+    assert resolve(["env=home", "policy=paper"]).policy.trunk.kind == "alexnet"
+
+
+@pytest.mark.parametrize(
+    ("advice", "said"),
+    [
+        ({"train.gama": 1}, "train.gama is not a setting (in the advice of the world home); did you mean"),
+        ({"train.gamma": 9}, "train.gamma=9 (in the advice of the world home): must be at most 1."),
+    ],
+)
+def test_bad_advice_is_a_worlds_own(
+    advice: dict[str, Any], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(HomeSettings, "advice", advice)
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        resolve(["env=home"])
+
+
 def test_sweep_is_the_cross_product_and_names_its_runs() -> None:
     configs = sweep(["experiment=demo"], ["seed=0,1", "env.navigate=[orbit_cw],[orbit_cw,orbit_ccw]"])
     assert [(c.seed, len(c.env.navigate)) for c in configs] == [(0, 1), (0, 2), (1, 1), (1, 2)]
     assert configs[3].name == "demo-seed-1-navigate-orbit_cw-orbit_ccw"
     assert [c.name for c in sweep(["experiment=demo"], [])] == ["demo"]
+    rates = [c.name for c in sweep(["experiment=demo"], ["train.gamma=0.5,.5,0.95"])]
+    assert rates == ["demo-gamma-0.5", "demo-gamma-.5", "demo-gamma-0.95"]
     assert all(resolve(["env=modelnet", f"name={c.name}"]) for c in configs)
     with pytest.raises(ConfigError, match="did you mean seed"):
         sweep(["experiment=demo"], ["sed=0,1"])
@@ -331,6 +375,16 @@ def test_any_config_survives_its_file(
     assert load(file) == config
 
 
+def test_a_dict_is_read_back_with_no_more_than_it_had(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("env: modelnet\ntrain.terms: {}\n")
+    config = resolve([f"experiment={file}", "train.terms.guided=0.5"])
+    assert config.train.terms == {"guided": 0.5}
+    file.write_text(dump(config))
+    assert load(file) == config
+    assert change(config, ["seed=1"], ["seed"], "").train.terms == {"guided": 0.5}
+
+
 def test_change_leaves_the_rest_and_guards_what_is_fixed() -> None:
     config = resolve(["experiment=paper", "seed=3"])
     changed = change(config, ["evaluate.split=val"], ("evaluate", "device"), "a run stays as it is")
@@ -348,7 +402,9 @@ def test_config_is_frozen_and_every_setting_is_described() -> None:
     config = resolve(["env=modelnet"])
     with pytest.raises(ValidationError):
         config.seed = 1  # type: ignore[misc]
-    assert all(field.description for field in schema.settings(RunConfig, "modelnet").values())
+    for world in registry.worlds.own():
+        fields = Schema(RunConfig, {"env.name": Setting(world)}).fields
+        assert all(field.description for field in fields.values())
 
 
 def test_relative_paths_keep_their_meaning(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

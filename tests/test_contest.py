@@ -13,7 +13,7 @@ from activelsd.compose import resolve
 WORLD = [
     *("env=modelnet", "device=cpu", "env.size=32", "env.navigate=orbit_cw,orbit_ccw", "train.envs=8"),
     *("env.dataset.classes=[cup,vase]", "env.dataset.train_per_class=3", "env.dataset.test_per_class=2"),
-    *("policy.features=8", "train.steps=160", "train.loggers=[]"),
+    *("policy.trunk.features=8", "train.steps=160", "train.loggers=[]"),
 ]
 
 

@@ -13,7 +13,7 @@ from activelsd.train.run import Run
 WORLDS = {"tables": "[desk, table]", "vessels": "[cup, vase]", "mixed": "[cup, desk, vase]"}
 SETTINGS = [
     *("device=cpu", "train.steps=160", "train.envs=8", "train.loggers=[]", "train.evaluate_every=80"),
-    *("policy.features=8", "env.size=32", "env.navigate=orbit_cw,orbit_ccw"),
+    *("policy.trunk.features=8", "env.size=32", "env.navigate=orbit_cw,orbit_ccw"),
     *("env.dataset.train_per_class=3", "env.dataset.test_per_class=2"),
 ]
 BOTH = "env=tables.yaml,vessels.yaml"
@@ -109,7 +109,7 @@ def test_a_run_starts_from_what_another_knows(capsys: pytest.CaptureFixture[str]
         (["policy.init=nowhere"], "nowhere is not a run: it has no config.yaml;"),
         (
             ["policy.init={source}", "policy.memory=lstm"],
-            "A network of policy.memory=pool cannot start one of",
+            "A network with policy.memory=pool cannot start one with",
         ),
     ],
 )

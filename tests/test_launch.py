@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 
 from activelsd import launch
-from activelsd.build import build_device, build_rules, build_shape
+from activelsd.build import build_device, build_shape
 from activelsd.compose import load, resolve
-from activelsd.config import RulesSettings, RunConfig
+from activelsd.config import RunConfig
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.modelnet.orbit import with_moves
+from activelsd.envs.settings import RulesSettings
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, UserError
 from activelsd.train.trainer import Trainer
 
 QUICK = [
-    *("env=modelnet", "device=cpu", "policy.features=8", "env.navigate=orbit_cw,orbit_ccw", "train.steps=80"),
+    *("env=modelnet", "device=cpu", "policy.trunk.features=8"),
+    *("env.navigate=orbit_cw,orbit_ccw", "train.steps=80"),
     *("train.envs=4", "train.checkpoint_every=40", "train.log_every=40", "train.loggers=[]"),
 ]
 
@@ -88,10 +90,10 @@ def test_stopped_before_its_first_checkpoint_a_run_still_goes_on(monkeypatch: py
 
 
 def test_sections_become_what_they_describe(world: ViewGraph) -> None:
-    assert build_rules(RulesSettings(preset="V2")) == PRESETS["V2"]
-    changed = build_rules(RulesSettings(preset="V0", wrong=-1.0, max_views=5))
+    assert RulesSettings(preset="V2").rules() == PRESETS["V2"]
+    changed = RulesSettings(preset="V0", wrong=-1.0, max_views=5).rules()
     assert changed == replace(PRESETS["V0"], wrong=-1.0, max_views=5)
-    config: RunConfig = resolve([*QUICK, "policy=paper"])
+    config: RunConfig = resolve([*(word for word in QUICK if "features" not in word), "policy=paper"])
     shape = build_shape(config.policy, world)
     assert (shape.trunk, shape.memory, shape.frames, shape.size, shape.crops) == (
         "alexnet",

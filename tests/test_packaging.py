@@ -45,5 +45,5 @@ def test_wheel_in_a_fresh_environment_finds_its_presets(tmp_path: Path) -> None:
     where = run(scripts / "python", "-c", "import activelsd; print(activelsd.__file__)", cwd=elsewhere)
     assert Path(where.strip()).is_relative_to(packages)
     printed = run(scripts / "activelsd", "train", "experiment=paper", "--dry-run", cwd=elsewhere)
-    assert "trunk: alexnet" in printed
+    assert "kind: alexnet" in printed
     assert not list(elsewhere.iterdir())

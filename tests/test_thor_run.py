@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from activelsd import cli
-from activelsd.build import build_graph
 from activelsd.compose import load, resolve
 from activelsd.envs.oracle import shows_well
 from activelsd.envs.viewgraph import ViewGraph
@@ -36,7 +35,7 @@ def compared(place: Path, words: list[str]) -> Path:
     train = [
         "train.steps=2000",
         "train.loggers=[]",
-        "policy.features=32",
+        "policy.trunk.features=32",
         "threads=1",
         f"runs={place / 'runs'}",
     ]
@@ -48,7 +47,7 @@ def compared(place: Path, words: list[str]) -> Path:
 
 @pytest.fixture(scope="module")
 def graph(compared: Path) -> ViewGraph:
-    return build_graph(load(compared / "config.yaml").env)
+    return load(compared / "config.yaml").env.open()
 
 
 def rows_of(run: Path) -> list[dict[str, Any]]:
@@ -69,7 +68,7 @@ def test_all_players_stand_in_one_table_by_difficulty(
     table = capsys.readouterr().out
     assert "pictures by standin" in table
     head = next(line for line in table.splitlines() if line.startswith("By difficulty"))
-    assert "SPL" in head
+    assert "spl" in head
     for name in ("easy", "moderate", "hard"):
         assert name in head
     assert max(map(len, table.partition("Figures and episodes")[0].splitlines())) <= 80
@@ -113,7 +112,7 @@ def test_training_and_test_rooms_never_meet(graph: ViewGraph) -> None:
 
 
 def test_episodes_are_frozen(words: list[str], graph: ViewGraph) -> None:
-    again = build_graph(resolve(words).env)
+    again = resolve(words).env.open()
     tested = np.flatnonzero(graph.start_split == 2)
     assert [graph.episode(row).id for row in tested] == [again.episode(row).id for row in tested]
 

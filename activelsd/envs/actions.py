@@ -16,23 +16,23 @@ NAVIGATE = "navigate"
 class ActionTree:
     """Named branches of named actions.
 
-    Actions are numbered branch after branch, in the order given: with `classify` first, class `i` is
-    action `i`. Every action of another branch is a move. A user adds a move by giving its name, or a whole
-    branch by giving its actions.
+    Actions are numbered branch after branch, in the given order: if `classify` is first, class `i` is action
+    `i`. Every action of another branch is a move. A user adds a move by its name, or a whole branch by the
+    names of its actions.
 
     Attributes:
         branches: branch names, in order.
-        leaves: per branch the names of its actions.
-        n: number of actions over all branches.
-        branch_of: int64 (n,), the branch each action belongs to.
-        sizes: per branch its number of actions.
+        leaves: for each branch, the names of its actions.
+        n: total number of actions.
+        branch_of: int64 (n,), index of each action's branch.
+        sizes: for each branch, its number of actions.
     """
 
     def __init__(self, branches: Mapping[str, Sequence[str]]) -> None:
-        """Build the tree.
+        """Builds the tree.
 
         Raises:
-            ConfigError: there is no branch, a branch is empty, or a name stands twice in a branch.
+            ConfigError: there is no branch, a branch is empty, or a branch has a name twice.
         """
         if not branches:
             raise ConfigError("An action tree needs at least one branch.")
@@ -54,7 +54,7 @@ class ActionTree:
     def answer_or_move(
         cls, classes: Iterable[str], moves: Iterable[str] | Mapping[str, Sequence[str]]
     ) -> ActionTree:
-        """`classify` over the classes, then the moves by branch; a plain list is the paper's `navigate`."""
+        """The tree of `classify` and then the moves by branch; a list of moves becomes branch `navigate`."""
         branches = moves if isinstance(moves, Mapping) else {NAVIGATE: tuple(moves)}
         return cls({CLASSIFY: tuple(classes), **branches})
 
@@ -65,17 +65,17 @@ class ActionTree:
         return tuple((branch, leaf) for branch, leaves in pairs for leaf in leaves)
 
     def index(self, branch: str, leaf: str) -> int:
-        """Number of an action. Raises KeyError where the tree has none of that name."""
+        """The index of an action. Raises KeyError if the tree has no action of that name."""
         return self._index[branch, leaf]
 
     def span(self, branch: str) -> slice:
-        """The slice of actions that a branch covers."""
+        """The slice of a branch's actions."""
         i = self.branches.index(branch)
         return slice(self._first[i], self._first[i + 1])
 
     @property
     def moves(self) -> slice:
-        """The slice of actions that are no answers; `classify` must be the first branch."""
+        """The slice of the actions that are not answers; `classify` must be the first branch."""
         return slice(self.span(CLASSIFY).stop, self.n)
 
     def to_dict(self) -> dict[str, list[str]]:

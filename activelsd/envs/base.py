@@ -1,4 +1,4 @@
-"""The one Gymnasium environment of all worlds: rules, stacking, rewards, ends; a backend looks and moves."""
+"""The Gymnasium environment of all worlds: rules, rewards, ends, stacking; a backend looks and moves."""
 
 from __future__ import annotations
 
@@ -12,15 +12,21 @@ from numpy.typing import NDArray
 
 from activelsd.envs.actions import CLASSIFY, ActionTree
 from activelsd.envs.episode import Episode, EpisodeRules, View
+from activelsd.errors import ConfigError, did_you_mean
 
 Observation = dict[str, NDArray[Any]]
 
 
 def observation_space(size: int, frames: int, *, crops: bool) -> gymnasium.spaces.Dict:
-    """What every world shows: `frames` (K, S, S), `target` (K, 5) and, if wanted, `crops` (K, S, S)."""
-    picture = gymnasium.spaces.Box(0, 255, (frames, size, size), np.uint8)
+    """The observations of every world: `frames` (K, S, S), `target` (K, 5), optionally `crops` (K, S, S).
+
+    Raises:
+        ConfigError: `frames` is less than 1.
+    """
+    if frames < 1:
+        raise ConfigError(f"frames={frames} stacks no view; set it to at least 1.")
     spaces: dict[str, gymnasium.Space[Any]] = {
-        "frames": picture,
+        "frames": gymnasium.spaces.Box(0, 255, (frames, size, size), np.uint8),
         "target": gymnasium.spaces.Box(0.0, 1.0, (frames, 5), np.float32),
     }
     if crops:
@@ -29,35 +35,37 @@ def observation_space(size: int, frames: int, *, crops: bool) -> gymnasium.space
 
 
 class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
-    """An agent looks at a target, moves to better views, and names it.
+    """An agent looks at a target, moves to better views, and names the target's class.
 
     Every step is either an answer (an action of the `classify` branch) or a move (any other action). A move
-    gives the next view, a blocked move the same view again, an answer leaves the view as it is. A move that
-    was blocked is not legal again at that view, unless the rules say otherwise. The T-th action is the last:
-    only answers are legal there. `info["action_mask"]` says so; an agent that tries a blocked move again is
-    blocked again, and one that moves at the last action ends the episode without an answer.
+    gives the next view, a blocked move repeats the view, and an answer does not change it. A blocked move
+    is not legal again at the same view, unless the rules allow it. The T-th action is the last: only answers
+    are legal then. `info["action_mask"]` marks the legal actions. An agent that repeats a blocked move is
+    blocked again; one that moves at the last action ends the episode without an answer.
 
-    Observation: `Dict` of `frames` uint8 (K, S, S), newest last, the first look repeated at reset; `target`
-    float32 (K, 5), the box as fractions of the frame and whether it is in sight; `crops` uint8 (K, S, S)
-    where `crops` is on. Neither label nor pose nor scene is in it.
+    Observation: `Dict` of `frames` uint8 (K, S, S), newest last, with K copies of the first view at reset;
+    `target` float32 (K, 5), the box as fractions of the frame and whether it is in sight; `crops` uint8
+    (K, S, S) if `crops` is on. It contains no label, pose or scene.
 
-    Info: `views` seen so far, `moved` (the last action changed the view), `action_mask` bool (n,), and of
-    the episode `episode_id` (give it to `reset(options={"episode": id})` to replay), `scene`, `target`,
-    `label`, `start`, `split` and, where known, `oracle_views`; `backend` names what made the pictures. A
-    world whose simulator fails truncates the episode and says why in `cut`; nothing is to be learned of it.
+    Info: `views` seen so far, `moved` (the last action changed the view), `action_mask` bool (n,), and about
+    the episode `episode_id` (pass it to `reset(options={"episode": id})` to replay), `scene`, `target`,
+    `label`, `start`, `split` and, if known, `oracle_views`; `backend` names the source of the images. If a
+    simulator fails, the episode is truncated and `cut` says why; such an episode must not be learned from.
 
     A backend implements:
-        draw_episode: what to ask, from `self.np_random`; it puts the agent at the start.
-        look: the view from where the agent is.
-        try_move: go where a move leads; False where the way is blocked.
+        draw_episode: chooses an episode with `self.np_random` and puts the agent at its start.
+        look: returns the view at the agent's place.
+        try_move: makes a move; returns False if it is blocked.
 
     Set by the constructor:
         tree: the actions and their names.
         rules: rewards and ends.
-        backend: what makes the pictures, for example `modelnet` or `standin`.
+        backend: source of the images, for example `modelnet` or `standin`.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2}  # noqa: RUF012
+    reset_options: tuple[str, ...] = ("episode",)
+    """Names that `reset` accepts in `options`; a backend that reads more adds them."""
 
     def __init__(
         self,
@@ -85,20 +93,28 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
 
     @abstractmethod
     def draw_episode(self, options: dict[str, Any]) -> Episode:
-        """Choose the next episode and stand at its start; `options["episode"]` is the id of one to replay."""
+        """Chooses an episode and puts the agent at its start; `options["episode"]` is an id to replay."""
 
     @abstractmethod
     def look(self) -> View:
-        """The view from where the agent stands."""
+        """The view at the agent's place."""
 
     @abstractmethod
     def try_move(self, name: str) -> bool:
-        """Go where a move leads; False, and no change, where it is blocked."""
+        """Makes a move; returns False and changes nothing if it is blocked."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode: `views` is 1, and the first look stands in all K places of the stack."""
+        """Begins an episode: `views` is 1, and all K stacked views are copies of the first.
+
+        Raises:
+            ConfigError: there is no option of that name.
+        """
+        for name in options or {}:
+            if name not in self.reset_options:
+                hint = did_you_mean(name, self.reset_options)
+                raise ConfigError(f"There is no reset option '{name}'; {hint}")
         super().reset(seed=seed)
         self._episode = self.draw_episode(options or {})
         self._taken, self._views = 0, 1
@@ -109,10 +125,10 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         return self._observation(), self._info(moved=False)
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Answer or move.
+        """Answers or moves.
 
         Raises:
-            ResetNeeded: there was no `reset` yet.
+            ResetNeeded: `reset` was not called yet.
             InvalidAction: the tree has no such action.
         """
         if self._episode is None:
@@ -120,7 +136,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         rules, action = self.rules, int(action)
         if not 0 <= action < self.tree.n:
             raise gymnasium.error.InvalidAction(
-                f"There is no action {action}; they go from 0 to {self.tree.n - 1}."
+                f"There is no action {action}; actions are 0 to {self.tree.n - 1}."
             )
         last = self._taken + 1 >= rules.max_views
         self._taken += 1
@@ -146,7 +162,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         return np.repeat(self._seen[-1].frame[:, :, None], 3, axis=2)
 
     def action_mask(self) -> NDArray[np.bool_]:
-        """bool (n,): the legal actions; only answers where moving is ruled out or this action is the last."""
+        """bool (n,): the legal actions; only answers if the rules forbid moves or this action is the last."""
         mask = np.ones(self.tree.n, bool)
         mask[list(self._blocked)] = False
         if not self.rules.can_move or self._taken + 1 >= self.rules.max_views:

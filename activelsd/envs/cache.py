@@ -1,6 +1,6 @@
-"""The files that views are kept in, and those in the making: block by block, resumed where they stopped.
+"""The files that views are kept in: each is made once, block by block, and resumed after an interruption.
 
-HDF5 is closed while views are written: its metadata is laid down first, then bytes go to known places in the
+HDF5 is closed while views are written: its metadata is written first, then bytes go to known places in the
 file. So a process that is killed, even by SIGKILL, leaves a file that the next one goes on with. POSIX only.
 """
 
@@ -9,11 +9,13 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
+import logging
 import os
 import re
+import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +23,24 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd.envs.viewgraph import ViewGraph, read_key, replace_durably, seal, write_graph
-from activelsd.errors import DataError
+from activelsd.envs.viewgraph import (
+    ViewGraph,
+    load_graph,
+    read_key,
+    replace_durably,
+    seal,
+    write_graph,
+)
+from activelsd.errors import CacheError, DataError
 
-_DONE = "done"
+Pictures = Mapping[str, NDArray[np.uint8]]
+"""Rows of a block by the field of the graph, such as `frames`."""
+
+_LOG = logging.getLogger("activelsd")
+_DONE, _NAMES = "done", "block_names"
 _KEY = "partial_key"
 _FLUSH_SECONDS = 2.0
+_COMMAND = 120  # characters of a command line that others are told
 
 
 def default_cache() -> Path:
@@ -42,33 +56,81 @@ def cache_file(cache: Path, title: str, size: int, key: Mapping[str, Any]) -> Pa
     return cache / f"{re.sub(r'[^A-Za-z0-9_.+-]', '_', title)}-{size}px-{digest}.h5"
 
 
-def make_once(path: Path, key: Mapping[str, Any], fill: Callable[[], None]) -> Path:
-    """The file of a graph, made by `fill` unless it is there and of this key; one process at a time.
+def make_once(path: Path, key: Mapping[str, Any], make: Callable[[], None]) -> Path:
+    """The file of a graph, made by `make` unless it is there with this key; one process makes it at a time.
 
     Raises:
-        DataError: from `fill`, or the cache cannot be written; a cache that stays empty is taken away again.
+        DataError: raised by `make`, or the cache cannot be written; an empty cache is removed again.
     """
     if read_key(path) == key:
         return path
-    with writing(path.parent):
-        path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with alone(path):
             if read_key(path) != key:
-                fill()
+                make()
     except DataError:
-        with suppress(OSError):  # unless there is something else in it
+        with suppress(OSError):  # there is something else in it
             path.parent.rmdir()
         raise
     return path
 
 
-class CacheError(DataError):
-    """Raised when the cache cannot be written: what is wrong is not the data."""
+def fill(
+    path: Path,
+    graph: ViewGraph,
+    key: Mapping[str, Any],
+    ends: Mapping[str, NDArray[np.int64]],
+    make: Callable[[list[int]], Generator[tuple[int, Pictures], None, None]],
+    *,
+    names: Sequence[str] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Make the pictures of a graph that are not there yet, and the file of it all.
+
+    After a DataError nothing stays behind, since without what is broken the data are others; after anything
+    else, KeyboardInterrupt included, what is done stays for the next time.
+
+    Args:
+        path: of the file.
+        graph: see `PartialGraph`, as `key` and `ends`.
+        key: what the graph is made from.
+        ends: rows of the blocks.
+        make: makes the blocks of these numbers, in any order; closed at the end.
+        names: (n,) per block a name that no other frames have; frames of these names are copied from finished
+            files of the same title and size. All blocks have the same number of frames then, and no crops.
+        progress: called with the number of blocks done and of all, at the start and after every block.
+    """
+    report = progress or (lambda done, total: None)
+    partial = PartialGraph(path, graph, key, ends, names)
+    try:
+        todo, total = set(np.flatnonzero(~partial.done).tolist()), len(partial.done)
+        for block, frames in _known(path, {name: i for i, name in enumerate(names or ()) if i in todo}):
+            partial.write(block, frames=frames)
+            todo.remove(block)
+        report(total - len(todo), total)
+        with closing(make(sorted(todo))) as made:
+            for block, pictures in made:
+                partial.write(block, **pictures)
+                todo.remove(block)
+                report(total - len(todo), total)
+    except BaseException as error:
+        partial.leave(keep=isinstance(error, CacheError) or not isinstance(error, DataError))
+        raise
+    partial.finish()
 
 
-class CacheBusyError(CacheError):
-    """Raised when another process is preparing the same file."""
+def _known(path: Path, wanted: dict[str, int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Blocks wanted by name, with their frames from finished files of the same title and size."""
+    for file in sorted(path.parent.glob(f"{path.name.rpartition('-')[0]}-*.h5")):
+        if not wanted:
+            return
+        names = read_names(file) if file != path else ()
+        rows = [row for row, name in enumerate(names) if name in wanted]
+        if rows:
+            frames = load_graph(file).frames
+            views = len(frames) // len(names)
+            for row in rows:
+                yield wanted.pop(names[row]), frames[row * views : (row + 1) * views]
 
 
 class PartialGraph:
@@ -79,15 +141,21 @@ class PartialGraph:
     """
 
     def __init__(
-        self, path: Path, graph: ViewGraph, key: Mapping[str, Any], ends: Mapping[str, NDArray[np.int64]]
+        self,
+        path: Path,
+        graph: ViewGraph,
+        key: Mapping[str, Any],
+        ends: Mapping[str, NDArray[np.int64]],
+        names: Sequence[str] | None = None,
     ) -> None:
-        """Go on with the file, or begin it where there is none of this key that can be read.
+        """Go on with the file, or begin it if there is none of this key that can be read.
 
         Args:
-            path: of the finished file; the one in the making is beside it.
-            graph: all of it but the pictures, whose shape alone counts.
+            path: of the finished file; the unfinished one is beside it.
+            graph: all of it but the pictures, of which only the shape counts.
             key: what the graph is made from.
             ends: per field of pictures (n,) the row that each of the n blocks ends before, in order.
+            names: (n,) of the blocks, kept in the file if given.
 
         Raises:
             CacheError: here and below, the file cannot be written.
@@ -99,7 +167,7 @@ class PartialGraph:
         self._row_bytes = graph.size * graph.size
         blocks = len(next(iter(ends.values())))
         with writing(path.parent):
-            self._at = self._places() or self._begin(graph, blocks)
+            self._at = self._places() or self._begin(graph, blocks, names)
             self._done_at = self._at[_DONE]
             self._file = self._partial.open("r+b", buffering=0)
             self._file.seek(self._done_at)
@@ -119,7 +187,7 @@ class PartialGraph:
             self.flush()
 
     def flush(self) -> None:
-        """Bring the pictures to the disk, and only then say that they are there."""
+        """Bring the pictures to the disk, and only then mark them as done."""
         with writing(self._path.parent):
             os.fsync(self._file.fileno())
         for block in self._written:
@@ -140,7 +208,7 @@ class PartialGraph:
             replace_durably(self._partial, self._path)
 
     def leave(self, *, keep: bool) -> None:
-        """Stop here: what is done stays to be gone on with, if there is any and it is worth keeping."""
+        """Stop here; what is done stays for the next time if `keep` and there is any."""
         try:
             self.flush()
         finally:
@@ -159,7 +227,7 @@ class PartialGraph:
             rest = rest[self._file.write(rest) :]
 
     def _places(self) -> dict[str, int] | None:
-        """Where pictures and done marks stand in the file; None where there is none to go on with."""
+        """Offsets of pictures and done marks in the file; None if there is none to go on with."""
         try:
             with h5py.File(self._partial, "r") as file:
                 if file.attrs.get(_KEY) != json.dumps(self._key, sort_keys=True):
@@ -168,9 +236,11 @@ class PartialGraph:
         except OSError:
             return None
 
-    def _begin(self, graph: ViewGraph, blocks: int) -> dict[str, int]:
+    def _begin(self, graph: ViewGraph, blocks: int, names: Sequence[str] | None) -> dict[str, int]:
         with h5py.File(self._partial, "w") as file:
             write_graph(file, graph, skip=frozenset(self._bounds))
+            if names is not None:
+                file.create_dataset(_NAMES, data=np.array(names, np.bytes_))
             places = {name: _allot(file, name, getattr(graph, name).shape) for name in self._bounds}
             places[_DONE] = _allot(file, _DONE, (blocks,))
             file.attrs[_KEY] = json.dumps(self._key, sort_keys=True)
@@ -178,7 +248,7 @@ class PartialGraph:
 
 
 def _allot(file: h5py.File, name: str, shape: tuple[int, ...]) -> int:
-    """Make a dataset of zeros in one piece, and tell where in the file it stands."""
+    """Make a contiguous dataset of zeros and return its offset in the file."""
     properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     properties.set_layout(h5py.h5d.CONTIGUOUS)
     properties.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
@@ -189,9 +259,17 @@ def _allot(file: h5py.File, name: str, shape: tuple[int, ...]) -> int:
     return place
 
 
+def read_names(path: Path) -> list[str]:
+    """Names of the blocks of a finished file; none if it has no names or is no such file."""
+    if read_key(path) is None:
+        return []
+    with h5py.File(path, "r") as file:
+        return [name.decode() for name in file[_NAMES][:].tolist()] if _NAMES in file else []
+
+
 @contextmanager
 def writing(cache: Path) -> Iterator[None]:
-    """Say of what the system refuses here that it is the cache: no room, no right, something in the way."""
+    """Turn an OSError inside into a CacheError that names the cache folder."""
     try:
         yield
     except OSError as error:
@@ -201,28 +279,43 @@ def writing(cache: Path) -> Iterator[None]:
 
 @contextmanager
 def alone(path: Path) -> Iterator[None]:
-    """Keep other processes from preparing the same file; a lock falls with its process.
+    """Keep other processes from preparing the same file; wait as long as another one does.
+
+    The folder is made if need be. A lock ends with its process. After waiting, the file may be there.
 
     Raises:
-        CacheBusyError: another process has it.
-        CacheError: it cannot be written.
+        CacheError: the lock's file cannot be written.
     """
     lock = path.with_name(path.name + ".lock")
     while True:
         with writing(path.parent):
-            file = lock.open("a")
+            path.parent.mkdir(parents=True, exist_ok=True)  # a holder who failed may have removed it
+            file = lock.open("a+")
         with file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise CacheBusyError(f"Another process is preparing {path}; wait until it is done.") from None
-            if not _is_at(file.fileno(), lock):  # removed by the one who had it, after this one opened it
-                continue
+            with writing(path.parent):
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    file.seek(0)
+                    holder = file.read() or "another process"
+                    _LOG.warning("Waiting for %s, which is preparing %s.", holder, path)
+                    fcntl.flock(file, fcntl.LOCK_EX)
+                if not _is_at(file.fileno(), lock):  # its holder has removed it
+                    continue
+                file.truncate(0)
+                file.write(f"process {os.getpid()} ({_command()})")
+                file.flush()
             try:
                 yield
             finally:
                 lock.unlink(missing_ok=True)
             return
+
+
+def _command() -> str:
+    """The command line of this process in one line, cut if it is long."""
+    command = " ".join(" ".join(sys.argv).split())
+    return command if len(command) <= _COMMAND else f"{command[:_COMMAND]}…"
 
 
 def _is_at(descriptor: int, path: Path) -> bool:

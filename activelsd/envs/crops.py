@@ -1,4 +1,4 @@
-"""Pictures of a world to what an agent sees of them: square frames, and boxes cut out at full resolution."""
+"""Turns images into what an agent sees: square frames, and boxes cropped at full resolution."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ CONTEXT = 1.2
 
 
 def squashed(picture: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
-    """uint8 (size, size): all of a picture, averaged over areas, so that fractions of it stay fractions.
+    """The whole image resized to uint8 (size, size) by area averaging.
 
-    A 16:9 picture becomes narrower by that; nothing at its sides is cut off.
+    The aspect ratio is not kept and nothing is cut off, so positions as fractions of the image stay the same.
     """
     return np.asarray(cv2.resize(picture, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def cut_out(picture: NDArray[np.uint8], box: NDArray[np.int32], size: int) -> NDArray[np.uint8]:
-    """uint8 (size, size): the square around a box with some context, its shape kept.
+    """A square crop around a box, resized to uint8 (size, size); the aspect ratio is kept.
 
-    The square's side is `CONTEXT` times the box's larger side; beyond the picture its edge goes on.
+    The square's side is `CONTEXT` times the box's larger side. Outside the image, edge pixels are repeated.
 
     Args:
         picture: (H, W) at full resolution.
@@ -35,5 +35,5 @@ def cut_out(picture: NDArray[np.uint8], box: NDArray[np.int32], size: int) -> ND
     columns = np.arange(left, left + side).clip(0, width - 1)
     rows = np.arange(top, top + side).clip(0, height - 1)
     square = picture[rows[:, None], columns]
-    way = cv2.INTER_AREA if side >= size else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(square, (size, size), interpolation=way), np.uint8)
+    interpolation = cv2.INTER_AREA if side >= size else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(square, (size, size), interpolation=interpolation), np.uint8)

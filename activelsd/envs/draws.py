@@ -1,7 +1,7 @@
-"""Which episode comes next: a counter-based draw that single, vector and GPU environments share.
+"""Draws the next episode with a counter-based generator that single, vector and GPU environments share.
 
-The k-th draw of an environment whose key is `x` is `splitmix64(x + k)`. It needs no state but the counter, so
-B environments can draw at once by array arithmetic, on the device, and give what B single ones give.
+The k-th draw of an environment with key `x` is `splitmix64(x + k)`. The counter is the only state, so B
+environments draw together by array arithmetic on the device, with the same results as B single ones.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _GOLDEN, _MIX1, _MIX2 = (
 
 
 def draw_key(generator: np.random.Generator) -> int:
-    """An environment's key, drawn from its own generator when it is seeded."""
+    """An environment's key, drawn from its own generator."""
     return int(generator.integers(2**62))
 
 
 def draw(key: Words, count: Words, n: int) -> Words:
-    """Draw `count` of the stream `key`, in 0..n-1; int64 arrays or tensors of one shape.
+    """Draw number `count` of the stream `key`, in 0..n-1; int64 arrays or tensors of the same shape.
 
-    splitmix64 (Steele, Lea and Flood 2014) on two's complement words, which wrap alike in NumPy and PyTorch.
+    splitmix64 (Steele, Lea and Flood 2014) on int64, which overflows the same way in NumPy and PyTorch.
     """
     with np.errstate(over="ignore"):
         z = (key + count) * _GOLDEN

@@ -1,32 +1,33 @@
-"""What an episode is made of: the question asked, the rules it is played by, and what one look gives."""
+"""The parts of an episode: its question, its rules, and the view that a look returns."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.errors import ConfigError
+
 WHOLE_FRAME = (0.5, 0.5, 1.0, 1.0, 1.0)
-"""The target box (cx, cy, w, h, present) of a world whose target fills the frame."""
+"""The target box (cx, cy, w, h, present) if the target fills the frame."""
 
 
 class View(NamedTuple):
-    """What one look gives."""
+    """What the agent sees at one place."""
 
     frame: NDArray[np.uint8]  # (S, S) gray
     target: NDArray[np.float32]  # (5,) box centre, width, height as fractions of the frame; present 0 or 1
-    crop: NDArray[np.uint8] | None = None  # (S, S) the box cut from the full-resolution picture
+    crop: NDArray[np.uint8] | None = None  # (S, S) the box cropped from the full-resolution image
 
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """What is being asked, and from where; `id` replays it exactly.
+    """The target and the start of an episode; `id` replays it exactly.
 
-    `oracle_views` is the fewest views until one shows the target well, -1 where none can be reached, and None
-    where nobody knows. `difficulty` is of the first view, where somebody graded it.
+    `oracle_views` is the fewest views until one shows the target well, -1 if no such view can be reached, and
+    None if unknown. `difficulty` is the annotated grade of the first view, None if there is none.
     """
 
     id: str
@@ -44,15 +45,15 @@ class EpisodeRules:
     """A row of the paper's Table 1 as data: rewards, and what ends the episode.
 
     Attributes:
-        move: reward of an action that moved.
-        blocked: reward of a move that was blocked.
-        right: reward of the right class.
-        wrong: reward of a wrong class.
+        move: reward for a move that succeeded.
+        blocked: reward for a move that was blocked.
+        right: reward for the right class.
+        wrong: reward for a wrong class.
         ends_on_right: the right class terminates the episode.
         ends_on_wrong: a wrong class terminates the episode.
-        can_move: False leaves only classes legal (the paper's 64.3 % baseline).
-        try_again: a move that was blocked stays legal; else it is not, until the view is another.
-        max_views: T. The T-th action of an episode is its last and must be a class: moves are not legal
+        can_move: if False, only answers are legal (the paper's 64.3 % baseline).
+        try_again: a blocked move stays legal; otherwise it is illegal until the view changes.
+        max_views: T. The T-th action of an episode is its last and must be an answer: moves are not legal
             there.
     """
 
@@ -68,10 +69,10 @@ class EpisodeRules:
 
     def __post_init__(self) -> None:
         if self.max_views < 1:
-            raise ValueError(f"max_views must be at least 1, not {self.max_views}")
+            raise ConfigError(f"max_views must be at least 1, not {self.max_views}; set it to 1 or more.")
 
     def for_evaluation(self) -> EpisodeRules:
-        """The same rules with the protocol's end: the first class, right or wrong, ends the episode."""
+        """The same rules, but the first answer, right or wrong, ends the episode."""
         return replace(self, ends_on_right=True, ends_on_wrong=True)
 
 
@@ -84,11 +85,4 @@ PRESETS: dict[str, EpisodeRules] = {
     "V5": EpisodeRules(wrong=-1.0, ends_on_wrong=True),
     "V6": EpisodeRules(ends_on_wrong=True, can_move=False),
 }
-"""Table 1's variants by the names the authors' code gives them; V0 is the paper's best."""
-
-
-def as_rules(rules: str | Mapping[str, Any] | EpisodeRules) -> EpisodeRules:
-    """Rules from a preset's name or from their fields by name, as JSON holds them; rules as they are."""
-    if isinstance(rules, EpisodeRules):
-        return rules
-    return PRESETS[rules] if isinstance(rules, str) else EpisodeRules(**rules)
+"""Table 1's variants, named as in the authors' code; V0 is the paper's best."""

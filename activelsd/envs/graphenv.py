@@ -1,4 +1,4 @@
-"""One episode at a time on a `ViewGraph`: the recorded backend of `ActiveVisionEnv`."""
+"""A single environment on a `ViewGraph`: the recorded backend of `ActiveVisionEnv`."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from activelsd.errors import DataError
 
 
 def tree_of(graph: ViewGraph) -> ActionTree:
-    """The tree of a graph: its classes to answer with, its moves to make."""
+    """The action tree of a graph's classes and moves. Raises DataError if the graph has no moves."""
     if not graph.move_names:
-        raise DataError("This graph of views has no move; name at least one in `navigate`.")
+        raise DataError("This graph of views has no moves; name at least one in `navigate`.")
     return ActionTree.answer_or_move(graph.classes, graph.branches)
 
 
 class ViewGraphEnv(ActiveVisionEnv):
-    """Episodes drawn uniformly from the starts of a split. See `ActiveVisionEnv` for spaces and info."""
+    """Draws episodes uniformly from a split's starts. See `ActiveVisionEnv` for spaces and info."""
 
     def __init__(
         self,
@@ -50,13 +50,13 @@ class ViewGraphEnv(ActiveVisionEnv):
         self._key: int | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """As the base; a seed begins a new stream of episodes, without one the stream goes on."""
+        """Resets as the base does; a seed begins a new stream of episodes, with None the stream continues."""
         if seed is not None:
             self._key = None
         return super().reset(seed=seed, options=options)
 
     def draw_episode(self, options: dict[str, Any]) -> Episode:
-        """The stream's next episode, or the one named in `options["episode"]`."""
+        """Begins the stream's next episode, or the one whose id is `options["episode"]`."""
         if self._key is None:
             self._key, self._drawn = draw_key(self.np_random), 0
         if "episode" in options:
@@ -69,7 +69,7 @@ class ViewGraphEnv(ActiveVisionEnv):
         return self.graph.episode(row)
 
     def starts(self) -> NDArray[np.int64]:
-        """Rows of the graph's starts that the next episode is drawn from."""
+        """Start rows that the next episode is drawn from."""
         return self._starts
 
     def look(self) -> View:
@@ -79,7 +79,7 @@ class ViewGraphEnv(ActiveVisionEnv):
         return View(graph.frames[self._view], graph.target_box(self._view, self._target), crop)
 
     def try_move(self, name: str) -> bool:
-        """Follow the edge of that name."""
+        """Follows the edge with that name, if there is one."""
         to = int(self.graph.moves[self._view, self._column[name]])
         if to >= 0:
             self._view = to

@@ -1,4 +1,4 @@
-"""Several worlds played as one batch: one tree of all their actions, each world's own rules and mask."""
+"""Several worlds as one batch: one action tree for all of them, with each world's own rules and mask."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from activelsd.errors import ConfigError
 
 
 class OpenWorld(NamedTuple):
-    """A world to play: its recorded views and the rules there."""
+    """A world that is ready to play: its recorded views and its rules."""
 
     name: str
     graph: ViewGraph
@@ -25,7 +25,7 @@ class OpenWorld(NamedTuple):
 
 
 def union(trees: Sequence[ActionTree]) -> ActionTree:
-    """The tree of all branches and leaves by name, in the order in which they first appear."""
+    """The tree of all branches and leaves, merged by name, in the order of first appearance."""
     branches: dict[str, list[str]] = {}
     for tree in trees:
         for branch, leaf in tree.names:
@@ -35,50 +35,50 @@ def union(trees: Sequence[ActionTree]) -> ActionTree:
     return ActionTree(branches)
 
 
-class _Names(NamedTuple):
-    """A world's numbers among those of all worlds, and back."""
+class _IndexMaps(NamedTuple):
+    """Index maps between one world's actions and classes and the joint ones."""
 
-    action: Tensor  # (n_world,) its actions in the tree of all
-    own_action: Tensor  # (n,) the tree's actions in the world's; n_world, which is none, where it has not it
-    label: Tensor  # (m_world + 1,) its classes among all classes; the last, -1 for "no class"
+    joint_action: Tensor  # (n_world,) joint action of each world action
+    world_action: Tensor  # (n,) world action of each joint one; n_world, out of range, if the world lacks it
+    joint_label: Tensor  # (m_world + 1,) joint class of each world class; the last item maps -1 to -1
 
 
-def _names(tree: ActionTree, whole: ActionTree, device: torch.device) -> _Names:
-    action = torch.tensor([whole.index(*name) for name in tree.names], device=device)
-    own = torch.full((whole.n,), tree.n, device=device)
-    own[action] = torch.arange(tree.n, device=device)
-    label = action[tree.span(CLASSIFY)] - whole.span(CLASSIFY).start
-    return _Names(action, own, torch.cat([label, label.new_tensor([-1])]))
+def _index_maps(world: ActionTree, joint: ActionTree, device: torch.device) -> _IndexMaps:
+    joint_action = torch.tensor([joint.index(*name) for name in world.names], device=device)
+    world_action = torch.full((joint.n,), world.n, device=device)
+    world_action[joint_action] = torch.arange(world.n, device=device)
+    label = joint_action[world.span(CLASSIFY)] - joint.span(CLASSIFY).start
+    return _IndexMaps(joint_action, world_action, torch.cat([label, label.new_tensor([-1])]))
 
 
 class JointVectorEnv:
-    """Environments of several worlds as one batch, with the tensor face of `ViewGraphVectorEnv`.
+    """Environments of several worlds as one batch, with the tensor interface of `ViewGraphVectorEnv`.
 
-    The batch is world after world. Actions and labels are numbered by the union of the worlds' trees, and in
-    every row only its own world's actions are legal; any other is an error. Where one world has crops, a
-    world without them shows its frames in their place: its targets fill them.
+    The worlds' rows follow one another in the batch. Actions and labels are indices into the union of the
+    worlds' trees; a row accepts only its own world's actions, and any other is an error. If some world has
+    crops, a world without crops shows its frames instead, because its targets fill them.
 
     Attributes:
-        parts: each world's own environments, by its name.
-        places: the rows of the batch that each world has.
-        tree: the union of their trees.
-        num_envs: rows of the batch, B.
-        device: of all tensors.
+        parts: each world's own environments, by world name.
+        places: the batch rows (a slice) of each world.
+        tree: the union of the worlds' trees.
+        num_envs: number of rows in the batch, B.
+        device: device of all tensors.
     """
 
     def __init__(self, parts: Mapping[str, ViewGraphVectorEnv]) -> None:
-        """Put environments side by side.
+        """Joins the worlds' environments.
 
         Raises:
-            ConfigError: the frames of two worlds differ in size.
+            ConfigError: two worlds have frames of different sizes.
         """
         self.parts = dict(parts)
         envs = list(parts.values())
         sizes = {name: part.graph.size for name, part in parts.items()}
         if len(set(sizes.values())) > 1:
-            said = ", ".join(f"{name} {size}" for name, size in sizes.items())
+            each = ", ".join(f"{name} {size}" for name, size in sizes.items())
             raise ConfigError(
-                f"Worlds played together need frames of one size, not {said} pixels; set env.size."
+                f"Worlds played together need frames of one size, not {each} pixels; set env.size."
             )
         self.tree = union([part.tree for part in envs])
         self.device = envs[0].device
@@ -88,16 +88,19 @@ class JointVectorEnv:
             name: slice(end - part.num_envs, end)
             for (name, part), end in zip(parts.items(), ends, strict=True)
         }
-        self._names = [_names(part.tree, self.tree, self.device) for part in envs]
+        self._worlds = [
+            (part, _index_maps(part.tree, self.tree, self.device), self.places[name])
+            for name, part in parts.items()
+        ]
         self._crops = any(part.graph.crops is not None for part in envs)
 
     def begin(self, seed: int) -> None:
-        """Start B episodes; row i's stream is that of a single environment seeded with `seed + i`."""
+        """Starts B episodes; row i draws the same ones as a single environment with seed `seed + i`."""
         for name, part in self.parts.items():
             part.begin(seed + self.places[name].start)
 
     def observe(self) -> dict[str, Tensor]:
-        """`frames` uint8 (B, K, S, S), `target` float32 (B, K, 5), and `crops` where one world has them."""
+        """`frames` uint8 (B, K, S, S), `target` float32 (B, K, 5), and `crops` if any world has them."""
         seen = [part.observe() for part in self.parts.values()]
         observation = {name: torch.cat([one[name] for one in seen]) for name in ("frames", "target")}
         if self._crops:
@@ -106,35 +109,35 @@ class JointVectorEnv:
 
     @property
     def labels(self) -> Tensor:
-        """(B,) int64 class of each target, among the classes of all worlds."""
-        return torch.cat([names.label[part.labels] for part, names in self._pairs()])
+        """(B,) int64 joint class of each target."""
+        return torch.cat([maps.joint_label[part.labels] for part, maps, _ in self._worlds])
 
     def mask(self) -> Tensor:
-        """(B, n) bool: the legal actions, none of another world among them."""
-        return self._among_all([part.mask() for part in self.parts.values()])
+        """(B, n) bool: the legal actions; another world's are False."""
+        return self._to_joint([part.mask() for part in self.parts.values()])
 
     def nearer(self) -> Tensor:
-        """(B, n) bool: the moves on the shortest way to a good look."""
-        return self._among_all([part.nearer() for part in self.parts.values()])
+        """(B, n) bool: the moves on a shortest path to a good view."""
+        return self._to_joint([part.nearer() for part in self.parts.values()])
 
-    def _among_all(self, own: Sequence[Tensor]) -> Tensor:
-        """(B, n) bool from each world's own (b, actions); false for the actions that a world has not."""
-        found = torch.zeros(self.num_envs, self.tree.n, dtype=torch.bool, device=self.device)
-        for names, place, of_world in zip(self._names, self.places.values(), own, strict=True):
-            found[place, names.action] = of_world
-        return found
+    def _to_joint(self, masks: Sequence[Tensor]) -> Tensor:
+        """(B, n) bool joint mask from one mask (b, n_world) per world; missing actions are False."""
+        joint = torch.zeros(self.num_envs, self.tree.n, dtype=torch.bool, device=self.device)
+        for (_, maps, place), mask in zip(self._worlds, masks, strict=True):
+            joint[place, maps.joint_action] = mask
+        return joint
 
     def advance(self, actions: Tensor) -> Step:
-        """Take B actions (int64, (B,)); `row` is of each world's own starts."""
+        """Takes B joint actions (int64, (B,)); `row` indexes the starts of the row's own world."""
         steps = []
-        for (part, names), place in zip(self._pairs(), self.places.values(), strict=True):
-            # An action that the world has not is a number past its last, at which indexing fails.
-            step = part.advance(names.own_action[actions[place]])
-            steps.append(step._replace(answer=names.label[step.answer]))
+        for part, maps, place in self._worlds:
+            # An action that the world lacks maps to an index out of range, so indexing raises.
+            step = part.advance(maps.world_action[actions[place]])
+            steps.append(step._replace(answer=maps.joint_label[step.answer]))
         return Step(*(torch.cat(column) for column in zip(*steps, strict=True)))
 
     def state(self) -> dict[str, Tensor]:
-        """Where every episode stands, so that `load_state` goes on from here."""
+        """The state of all episodes, for `load_state`."""
         return {
             f"{world}/{name}": value
             for world, part in self.parts.items()
@@ -142,42 +145,34 @@ class JointVectorEnv:
         }
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
-        """Take back what `state` gave."""
+        """Restores what `state` returned."""
         for world, part in self.parts.items():
-            own = f"{world}/"
-            part.load_state({k.removeprefix(own): v for k, v in tensors.items() if k.startswith(own)})
-
-    def _pairs(self) -> zip[tuple[ViewGraphVectorEnv, _Names]]:
-        return zip(self.parts.values(), self._names, strict=True)
+            prefix = f"{world}/"
+            part.load_state({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
 
 
 def shares(num_envs: int, worlds: int) -> list[int]:
-    """As even a share of environments as can be for each of several worlds."""
+    """Splits environments among worlds as evenly as possible; the first worlds get one more."""
     return [num_envs // worlds + (i < num_envs % worlds) for i in range(worlds)]
 
 
 def play_recordings(
     worlds: Sequence[OpenWorld], *, num_envs: int, frames: int, device: str | torch.device = "cpu"
 ) -> ViewGraphVectorEnv | JointVectorEnv:
-    """Environments of the training split: of one world alone, or of several with as even a share each.
+    """Environments of the training split, for one world or shared evenly among several.
 
     Raises:
-        ConfigError: there are fewer environments than worlds, or the worlds do not fit together.
-        DataError: a world has nothing to train on.
+        ConfigError: there are fewer environments than worlds, or the worlds' frames differ in size.
+        DataError: a world has no training episodes.
     """
     if num_envs < len(worlds):
         raise ConfigError(
-            f"train.envs={num_envs} leaves a world of {len(worlds)} without any; set it to at least that."
+            f"train.envs={num_envs} is too few for {len(worlds)} worlds; set it to at least {len(worlds)}."
         )
-    parts = {}
-    for world, share in zip(worlds, shares(num_envs, len(worlds)), strict=True):
-        parts[world.name] = ViewGraphVectorEnv(
-            world.graph,
-            world.rules,
-            num_envs=share,
-            split="train",
-            frames=frames,
-            backend=world.backend,
-            device=device,
+    parts = {
+        world.name: ViewGraphVectorEnv(
+            world.graph, world.rules, num_envs=share, frames=frames, backend=world.backend, device=device
         )
+        for world, share in zip(worlds, shares(num_envs, len(worlds)), strict=True)
+    }
     return JointVectorEnv(parts) if len(parts) > 1 else parts[worlds[0].name]

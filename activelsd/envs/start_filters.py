@@ -1,4 +1,4 @@
-"""Which of the places to start from are kept: what worlds of rooms do alike."""
+"""Filters for episode starts that all worlds of rooms use."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from activelsd.errors import DataError
 
 
 def frozen_list(graph: ViewGraph, per_target: int, seed: int = 0) -> ViewGraph:
-    """The graph with at most so many starts of every target that validates or tests, drawn by a seed."""
+    """The graph with at most `per_target` randomly chosen validation and test starts for each target."""
     keep = graph.start_split == SPLITS.index("train")
     rng = np.random.default_rng(seed)
     for target in range(len(graph.targets)):
         rows = np.flatnonzero((graph.start_target == target) & ~keep)
         keep[rng.choice(rows, min(per_target, len(rows)), replace=False)] = True
-    return kept(graph, keep)
+    return keep_starts(graph, keep)
 
 
-def kept(graph: ViewGraph, keep: NDArray[np.bool_]) -> ViewGraph:
-    """The graph with some of its starts, bool (E,)."""
+def keep_starts(graph: ViewGraph, keep: NDArray[np.bool_]) -> ViewGraph:
+    """The graph with only the starts for which `keep`, bool (E,), is True."""
     return replace(
         graph,
         start_view=graph.start_view[keep],
@@ -32,7 +32,7 @@ def kept(graph: ViewGraph, keep: NDArray[np.bool_]) -> ViewGraph:
 
 
 def check_starts(graph: ViewGraph) -> None:
-    """Raise DataError where the filters leave nothing to train on or to test."""
+    """Raises DataError if the filters leave no start in the training or test split."""
     for split in ("train", "test"):
         if not (graph.start_split == SPLITS.index(split)).any():
-            raise DataError(f"No episode can start in the '{split}' split; ask less of env.starts.")
+            raise DataError(f"The '{split}' split has no episode left; relax the filters in env.starts.")

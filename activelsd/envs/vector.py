@@ -1,4 +1,4 @@
-"""B episodes on a `ViewGraph` advanced by array indexing, on the CPU or beside the network on a GPU."""
+"""B episodes on a `ViewGraph`, advanced by array indexing on the CPU or on the network's GPU."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 import torch
+from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -17,40 +18,40 @@ from activelsd.envs.base import observation_space
 from activelsd.envs.draws import draw, draw_key
 from activelsd.envs.episode import WHOLE_FRAME, EpisodeRules
 from activelsd.envs.graphenv import tree_of
-from activelsd.envs.guide import Guide
+from activelsd.envs.oracle import Guide
 from activelsd.envs.viewgraph import ViewGraph
 
 STATE = ("keys", "drawn", "row", "seen", "taken", "views", "blocked")
-"""What, beside the graph and the rules, fixes how a `ViewGraphVectorEnv` goes on."""
+"""Attributes that, with the graph and the rules, fix how a `ViewGraphVectorEnv` continues."""
 
 
 class Step(NamedTuple):
-    """What B actions led to, before any of the episodes that ended is replaced."""
+    """The results of B actions, before ended episodes are replaced."""
 
     reward: Tensor  # (B,) float32
     terminated: Tensor  # (B,) bool
     truncated: Tensor  # (B,) bool
-    answer: Tensor  # (B,) int64 class named, -1 for a move
+    answer: Tensor  # (B,) int64 class answered, -1 for a move
     moved: Tensor  # (B,) bool
     views: Tensor  # (B,) int64 views seen when the action was taken
-    row: Tensor  # (B,) int64 start row of the episode played
+    row: Tensor  # (B,) int64 start row of the episode
 
 
 class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
-    """B copies of `ViewGraphEnv`, action for action, in SAME_STEP autoreset mode.
+    """B environments that behave exactly like `ViewGraphEnv`, in SAME_STEP autoreset mode.
 
-    Two faces on one state: Gymnasium's `reset` and `step` speak NumPy and fill `info`; `begin`, `observe` and
-    `advance` speak tensors on `device` and never copy to the host, which is what the resident trainer uses.
+    Two interfaces share one state. Gymnasium's `reset` and `step` use NumPy and fill `info`. The resident
+    trainer uses `begin`, `observe` and `advance`: their tensors are on `device` and never copied to the host.
 
-    With a `playlist` of start rows the episodes come from it instead of the stream: environment i plays
-    rows i, i+B, i+2B, … and, when there are none left, the playlist's last row.
+    With a `playlist` of start rows, episodes are taken from it instead of drawn: environment i plays rows i,
+    i+B, i+2B, … and then repeats the playlist's last row.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
 
     _keys: Tensor  # (B,) int64 key of each environment's stream of episodes
-    _drawn: Tensor  # (B,) int64 episodes each has begun
-    _blocked: Tensor  # (B, n) bool moves that were blocked at the view where each is
+    _drawn: Tensor  # (B,) int64 number of episodes begun
+    _blocked: Tensor  # (B, n) bool moves that were found blocked at the current view
 
     def __init__(
         self,
@@ -79,7 +80,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._listed = playlist is not None
 
     def _load(self, rows: NDArray[np.int64]) -> None:
-        """Put the graph's arrays on the device, once."""
+        """Copies the graph's arrays to the device."""
         graph = self.graph
 
         def put(array: NDArray[Any]) -> Tensor:
@@ -91,7 +92,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._start_view, self._start_target = put(graph.start_view).long(), put(graph.start_target).long()
         self._rows = put(rows)
         self._pairs = None
-        # One row more than there are pairs: out of sight is the last, with a box and a crop of zeros.
+        # One extra row at the end stands for "out of sight": its box and crop are zeros.
         if graph.pair_of is not None and graph.boxes is not None:
             self._pairs = put(np.where(graph.pair_of >= 0, graph.pair_of, np.int32(len(graph.boxes))))
             boxes = torch.cat([put(graph.boxes), torch.ones(len(graph.boxes), 1, device=self.device)], 1)
@@ -100,37 +101,35 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
             crops = put(graph.crops)
             self._crops = torch.cat([crops, crops.new_zeros(1, *crops.shape[1:])])
         self._whole = torch.tensor(WHOLE_FRAME, device=self.device)
-        answers = torch.zeros(self.tree.n, dtype=torch.bool, device=self.device)
-        answers[self._answers] = True
-        self._only_answers = answers
+        self._only_answers = torch.zeros(self.tree.n, dtype=torch.bool, device=self.device)
+        self._only_answers[self._answers] = True
         self._remembers = bool((graph.moves < 0).any()) and not self.rules.try_again
 
     def begin(self, seed: int | list[int | None] | None = None) -> None:
-        """Start B episodes; environment i's stream is that of a single environment seeded with `seed + i`.
+        """Starts B episodes; environment i draws the same ones as a single environment with seed `seed + i`.
 
-        A seed begins a new stream; without one, a stream that has begun goes on.
+        A seed begins a new stream; with None, an existing stream continues.
 
         Raises:
-            ValueError: a list of seeds has not one (or None) per environment.
+            ValueError: a list of seeds does not have one item (or None) per environment.
         """
         b, device = self.num_envs, self.device
         seeds = seed if isinstance(seed, list) else [None if seed is None else seed + i for i in range(b)]
         if len(seeds) != b:
-            raise ValueError(f"There are {b} environments to seed, but {len(seeds)} seeds.")
+            raise ValueError(f"There are {b} environments but {len(seeds)} seeds; give one for each.")
         begun = hasattr(self, "_keys")
-        keys = [draw_key(gymnasium.utils.seeding.np_random(s)[0]) for s in seeds]
+        keys = torch.tensor([draw_key(np_random(s)[0]) for s in seeds], device=device)
         fresh = torch.tensor([s is not None or not begun for s in seeds], device=device)
-        drawn = torch.zeros(b, dtype=torch.int64, device=device)
-        self._keys = torch.where(fresh, torch.tensor(keys, device=device), self._keys if begun else drawn)
-        self._drawn = drawn if not begun else self._drawn.masked_fill(fresh, 0)
+        self._keys = torch.where(fresh, keys, self._keys) if begun else keys
         self._row = torch.zeros(b, dtype=torch.int64, device=device)
+        self._drawn = self._drawn.masked_fill(fresh, 0) if begun else torch.zeros_like(self._row)
         self._seen = torch.zeros(b, self._k, dtype=torch.int64, device=device)
         self._taken, self._views = torch.zeros_like(self._row), torch.ones_like(self._row)
         self._blocked = torch.zeros(b, self.tree.n, dtype=torch.bool, device=device)
         self._replace(torch.ones(b, dtype=torch.bool, device=device))
 
     def _replace(self, ended: Tensor) -> None:
-        """Give every ended episode's place to its environment's next one; no host synchronisation."""
+        """Replaces every ended episode by its environment's next one, without waiting for the device."""
         if self._listed:
             index = torch.arange(self.num_envs, device=self.device) + self._drawn * self.num_envs
             index = index.clamp(max=len(self._rows) - 1)
@@ -147,17 +146,17 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._drawn = self._drawn + ended
 
     def state(self) -> dict[str, Tensor]:
-        """Where every episode stands, so that `load_state` goes on from here."""
+        """The state of all episodes, for `load_state`."""
         return {name: getattr(self, f"_{name}") for name in STATE}
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
-        """Take back what `state` gave."""
+        """Restores what `state` returned."""
         for name in STATE:
             setattr(self, f"_{name}", tensors[name].to(self.device))
         self._target = self._start_target[self._row]
 
     def observe(self) -> dict[str, Tensor]:
-        """`frames` uint8 (B, K, S, S), `target` float32 (B, K, 5), and `crops` where the graph has them."""
+        """`frames` uint8 (B, K, S, S), `target` float32 (B, K, 5), and `crops` if the graph has them."""
         observation = {"frames": _rows(self._frames, self._seen)}
         if self._pairs is None:
             observation["target"] = self._whole.expand(*self._seen.shape, 5)
@@ -175,43 +174,43 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
 
     @property
     def targets(self) -> Tensor:
-        """(B,) int64 target of each episode."""
+        """(B,) int64 target index of each episode."""
         return self._target
 
     def views_seen(self) -> Tensor:
-        """(B, K) int64 the stacked views, newest last."""
+        """(B, K) int64 indices of the stacked views, newest last."""
         return self._seen
 
     @property
     def drawn(self) -> Tensor:
-        """(B,) int64 episodes each environment has begun."""
+        """(B,) int64 number of episodes that each environment has begun."""
         return self._drawn
 
     def mask(self) -> Tensor:
         """(B, n) bool: the legal actions."""
         if not self.rules.can_move:
             return self._only_answers.expand(self.num_envs, -1)
-        goes_on = (self._taken + 1 < self.rules.max_views)[:, None]
-        return self._only_answers | (goes_on & ~self._blocked if self._remembers else goes_on)
+        may_move = (self._taken + 1 < self.rules.max_views)[:, None]
+        return self._only_answers | (may_move & ~self._blocked if self._remembers else may_move)
 
     def nearer(self) -> Tensor:
-        """(B, n) bool: the moves on the shortest way to a good look; none where targets have no boxes."""
+        """(B, n) bool: the moves on a shortest path to a good view; all False if targets have no boxes."""
         nearer = torch.zeros(self.num_envs, self.tree.n, dtype=torch.bool, device=self.device)
         if self._pairs is not None:
-            if self._guide is None:  # found when first asked for: it takes a while
+            if self._guide is None:  # computed only on demand: it takes a while
                 self._guide = Guide(self.graph, self.device)
             nearer[:, self._answers.stop :] = self._guide.nearer(self._seen[:, -1], self._target)
         return nearer
 
     def advance(self, actions: Tensor) -> Step:
-        """Take B actions (int64, (B,)); episodes that end are replaced by the next at once."""
+        """Takes B actions (int64, (B,)); episodes that end are replaced by the next ones at once."""
         rules = self.rules
         answers = self._only_answers[actions]
         answer = torch.where(answers, actions - self._answers.start, -1)
         right = answer == self.labels
         last = self._taken + 1 >= rules.max_views
 
-        # Where a move leads; columns of the graph's table are the actions that are not answers, in order.
+        # Moves. The columns of the graph's `moves` are the actions that are not answers, in order.
         column = (actions - self._answers.stop).clamp(min=0)
         to = self._moves[self._seen[:, -1], column]
         tried = ~answers & ~last
@@ -221,9 +220,9 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._seen = torch.where(tried[:, None], pushed, self._seen)
 
         # Rewards and ends, Table 1.
-        named = torch.where(right, rules.right, rules.wrong)
-        stepped = torch.where(moved, rules.move, rules.blocked)
-        reward = torch.where(answers, named, stepped).float()
+        answer_reward = torch.where(right, rules.right, rules.wrong)
+        move_reward = torch.where(moved, rules.move, rules.blocked)
+        reward = torch.where(answers, answer_reward, move_reward).float()
         terminated = answers & ((right & rules.ends_on_right) | (~right & rules.ends_on_wrong))
         truncated = last & ~terminated
         self._taken = self._taken + 1
@@ -239,13 +238,13 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Gymnasium's reset; it begins B episodes and takes no options.
+        """Gymnasium's reset: begins B episodes; it has no options.
 
         Raises:
-            ValueError: there are options.
+            ValueError: an option is given.
         """
         if options:
-            raise ValueError(f"A batch of recorded episodes has no reset option '{next(iter(options))}'.")
+            raise ValueError(f"A batch has no reset option '{next(iter(options))}'; give no options.")
         super().reset(seed=next((s for s in seed if s is not None), None) if isinstance(seed, list) else seed)
         self.begin(seed)
         rows = self._row.tolist()
@@ -254,24 +253,23 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[dict[str, NDArray[Any]], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Gymnasium's step; where an episode ends, `final_obs` and `final_info` hold its last."""
+        """Gymnasium's step; if an episode ends, `final_obs` and `final_info` hold its last step."""
         step = self.advance(torch.as_tensor(actions, device=self.device).long())
         ended = step.terminated | step.truncated
         infos = self._infos(self._row.tolist(), self._views, step.moved & ~ended)
         if bool(ended.any()):
             self._add_finals(infos, step, ended.cpu().numpy())
-        outcome = (step.reward, step.terminated, step.truncated)
-        reward, terminated, truncated = (x.cpu().numpy() for x in outcome)
+        reward, terminated, truncated = (x.cpu().numpy() for x in step[:3])
         return self._numpy(self.observe()), reward, terminated, truncated, infos
 
     def _numpy(self, observation: dict[str, Tensor]) -> dict[str, NDArray[Any]]:
-        # Copies, never views of what the next step reads: a caller may keep them and write to them.
+        # Copies, never views of the environment's own arrays: a caller may keep them and write to them.
         return {name: np.array(value.cpu().numpy(), order="C") for name, value in observation.items()}
 
     def _infos(
         self, rows: list[int], views: Tensor, moved: Tensor, of: NDArray[np.bool_] | None = None
     ) -> dict[str, Any]:
-        """Gymnasium's dict of arrays, of all environments or of those in a mask `of`, bool (B,)."""
+        """Gymnasium's dict of arrays for all environments, or for those in the mask `of`, bool (B,)."""
         episodes = [self.graph.episode(row) for row in rows]
         infos: dict[str, Any] = {
             "views": views.cpu().numpy().copy(),
@@ -291,7 +289,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         return infos | {f"_{name}": of.copy() for name in infos}
 
     def _add_finals(self, infos: dict[str, Any], step: Step, ended: NDArray[np.bool_]) -> None:
-        """Last observation and info of the episodes that ended in this step."""
+        """Adds the last observation and info of the episodes that ended in this step."""
         now = self._seen, self._target, self._taken, self._blocked
         self._seen, self._target, self._taken, self._blocked = self._final
         last = self._numpy(self.observe())
@@ -304,5 +302,5 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
 
 
 def _rows(table: Tensor, index: Tensor) -> Tensor:
-    """`table[index]` of whole rows, which copies each at once where indexing goes byte by byte."""
+    """`table[index]`, by `index_select`: it copies whole rows, while indexing copies byte by byte."""
     return table.index_select(0, index.flatten()).view(*index.shape, *table.shape[1:])

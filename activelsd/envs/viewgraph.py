@@ -1,7 +1,7 @@
-"""Recorded views as arrays: what is seen from every place, and where every move leads.
+"""Recorded views as arrays: the image at every viewpoint, and the view that every move leads to.
 
-A `ViewGraph` is how a world is trained on without its simulator: ModelNet is a ring of views per object, the
-Active Vision Dataset a graph per scan, and a simulated room can be recorded into one.
+With a `ViewGraph` an agent trains without a simulator: ModelNet is a ring of views per object, the Active
+Vision Dataset a graph per scan, and a simulated room can be recorded into one.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ FORMAT = "activelsd.viewgraph/1"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ViewGraph:
-    """V views, T targets, E places to start from. See the field comments for shapes."""
+    """V views, T targets, E episode starts. See the field comments for shapes."""
 
     frames: NDArray[np.uint8]  # (V, S, S) gray
-    moves: NDArray[np.int32]  # (V, n) view that each move leads to, -1 where it is blocked
-    move_names: tuple[str, ...]  # n, unique; those of one branch stand together
+    moves: NDArray[np.int32]  # (V, n) view that each move leads to, -1 if it is blocked
+    move_names: tuple[str, ...]  # n, unique; the moves of one branch are adjacent
     classes: tuple[str, ...]
-    targets: tuple[str, ...]  # T names of the objects asked for
+    targets: tuple[str, ...]  # T names of the objects to recognise
     labels: NDArray[np.int64]  # (T,) class of each target
     scenes: tuple[str, ...]
     scene_of: NDArray[np.int32]  # (V,) scene each view belongs to
@@ -44,17 +44,17 @@ class ViewGraph:
     start_target: NDArray[np.int32]  # (E,)
     start_split: NDArray[np.uint8]  # (E,) index into SPLITS
     move_branches: tuple[str, ...] | None = None  # n, branch of the action tree of each move; None: navigate
-    # (V, T) row of boxes, -1 out of sight; None where the target fills every frame
+    # (V, T) row of `boxes`, -1 if the target is out of sight; None if the target fills every frame
     pair_of: NDArray[np.int32] | None = None
     boxes: NDArray[np.float32] | None = None  # (P, 4) cx, cy, w, h as fractions of the frame
-    crops: NDArray[np.uint8] | None = None  # (P, S, S) each box cut from the full-resolution picture
-    difficulty: NDArray[np.uint8] | None = None  # (P,) of boxes as annotated, 1 is easiest
-    difficulty_names: tuple[str, ...] | None = None  # of 1, 2, …; None: they are called by their numbers
-    pixels: NDArray[np.float32] | None = None  # (P,) of the frame, the share that shows the target itself
-    # (V, 3) where the camera is and looks: metres x and z, degrees from z towards x; NaN where unknown. Of a
-    # simulated room (V, 5): then metres y of the agent, and degrees that it looks down
+    crops: NDArray[np.uint8] | None = None  # (P, S, S) each box cropped from the full-resolution image
+    difficulty: NDArray[np.uint8] | None = None  # (P,) annotated difficulty of each box, 1 is easiest
+    difficulty_names: tuple[str, ...] | None = None  # names of grades 1, 2, …; None: numbers
+    pixels: NDArray[np.float32] | None = None  # (P,) fraction of the frame's pixels that show the target
+    # (V, 3) camera pose: x and z in metres, heading in degrees from z towards x; NaN if unknown. A simulated
+    # room has (V, 5): also the agent's y in metres and the camera's downward tilt in degrees
     poses: NDArray[np.float32] | None = None
-    # (E,) fewest views until one shows the target well, -1 where none can be reached
+    # (E,) fewest views until one shows the target well, -1 if no such view can be reached
     oracle_views: NDArray[np.int32] | None = None
 
     @property
@@ -64,18 +64,18 @@ class ViewGraph:
 
     @property
     def branches(self) -> dict[str, tuple[str, ...]]:
-        """The moves by their branch of the action tree, in the order of the columns of `moves`."""
+        """Move names by branch of the action tree, in the order of the columns of `moves`."""
         branch_of = self.move_branches or (NAVIGATE,) * len(self.move_names)
-        found: dict[str, tuple[str, ...]] = {}
+        branches: dict[str, tuple[str, ...]] = {}
         for branch, name in zip(branch_of, self.move_names, strict=True):
-            found[branch] = (*found.get(branch, ()), name)
-        return found
+            branches[branch] = (*branches.get(branch, ()), name)
+        return branches
 
     def with_moves(self, moves: Sequence[str] | Mapping[str, Sequence[str]]) -> ViewGraph:
-        """The graph with these of its moves, in this order, all `navigate` or by branch.
+        """The graph with only these moves, in this order: a list for `navigate`, or lists by branch.
 
         Raises:
-            ConfigError: the graph has no move of a name, or a name is given twice.
+            ConfigError: the graph has no move of that name, or a name is given twice.
         """
         branches = moves if isinstance(moves, Mapping) else {NAVIGATE: moves}
         pairs = [(branch, name) for branch, names in branches.items() for name in names]
@@ -94,7 +94,7 @@ class ViewGraph:
         )
 
     def starts(self, split: str) -> NDArray[np.int64]:
-        """Rows of the places to start from in a split.
+        """Indices of a split's episode starts.
 
         Raises:
             DataError: the split is unknown or empty.
@@ -103,11 +103,11 @@ class ViewGraph:
             raise DataError(f"There is no split '{split}'; choose one of {', '.join(SPLITS)}.")
         rows = np.flatnonzero(self.start_split == SPLITS.index(split))
         if not len(rows):
-            raise DataError(f"The '{split}' split has no episode to start; give the dataset more objects.")
+            raise DataError(f"The '{split}' split has no episode; give the dataset more objects.")
         return rows
 
     def episode(self, row: int) -> Episode:
-        """The episode that starts from a row of the starts."""
+        """The episode of a start, given by its row."""
         view, target = int(self.start_view[row]), int(self.start_target[row])
         scene, name = self.scenes[self.scene_of[view]], self.targets[target]
         split, start = SPLITS[self.start_split[row]], self.view_names[view]
@@ -130,13 +130,13 @@ class ViewGraph:
         return str(number) if self.difficulty_names is None else self.difficulty_names[number - 1]
 
     def find(self, episode_id: str) -> int:
-        """The row of the starts that an episode's id names.
+        """The start row of the episode with this id.
 
         Raises:
-            DataError: no start has that id.
+            DataError: no episode has that id.
         """
         if episode_id not in self._row_of:
-            raise DataError(f"No episode '{episode_id}' here; ids look like '{self.episode(0).id}'.")
+            raise DataError(f"There is no episode '{episode_id}'; ids look like '{self.episode(0).id}'.")
         return self._row_of[episode_id]
 
     @cached_property
@@ -144,7 +144,7 @@ class ViewGraph:
         return {self.episode(row).id: row for row in range(len(self.start_view))}
 
     def target_box(self, view: int, target: int) -> NDArray[np.float32]:
-        """(5,) box of a target in a view: cx, cy, w, h, present; zeros when it is out of sight."""
+        """(5,) box of a target in a view: cx, cy, w, h, present; zeros if it is out of sight."""
         if self.pair_of is None:
             return np.array(WHOLE_FRAME, np.float32)
         pair, box = self.pair_of[view, target], np.zeros(5, np.float32)
@@ -154,28 +154,28 @@ class ViewGraph:
         return box
 
     def crop(self, view: int, target: int) -> NDArray[np.uint8]:
-        """(S, S) crop of a target in a view, zeros when it is out of sight."""
+        """(S, S) crop of a target in a view; zeros if it is out of sight."""
         if self.pair_of is None or self.crops is None:
-            raise DataError("This recording has no crops; turn `crops` off or record it with them.")
+            raise DataError("This recording has no crops; turn `crops` off or record again with crops.")
         pair = self.pair_of[view, target]
         return self.crops[pair] if pair >= 0 else np.zeros_like(self.frames[0])
 
 
 def join(graphs: Sequence[ViewGraph]) -> ViewGraph:
-    """One graph of several with the same moves, classes and fields, and with targets in boxes."""
+    """Joins graphs that have the same moves, classes and fields, and whose targets have boxes."""
     first, targets = graphs[0], sum(len(one.targets) for one in graphs)
-    renumbered = []
+    shifted = []
     view = target = pair = scene = 0
     for one in graphs:
         assert (one.move_names, one.classes) == (first.move_names, first.classes)
         assert one.pair_of is not None
         assert one.boxes is not None
         pair_of = np.full((len(one.frames), targets), -1, np.int32)
-        pair_of[:, target : target + len(one.targets)] = _from(one.pair_of, pair)
-        renumbered.append(
+        pair_of[:, target : target + len(one.targets)] = _add_offset(one.pair_of, pair)
+        shifted.append(
             replace(
                 one,
-                moves=_from(one.moves, view),
+                moves=_add_offset(one.moves, view),
                 pair_of=pair_of,
                 scene_of=one.scene_of + np.int32(scene),
                 start_view=one.start_view + np.int32(view),
@@ -186,28 +186,27 @@ def join(graphs: Sequence[ViewGraph]) -> ViewGraph:
         pair, scene = pair + len(one.boxes), scene + len(one.scenes)
     shared = ("move_names", "move_branches", "classes", "difficulty_names")
     joined = {
-        field.name: _joined([getattr(one, field.name) for one in renumbered])
+        field.name: _concatenate([getattr(one, field.name) for one in shifted])
         for field in fields(first)
         if field.name not in shared
     }
-    return ViewGraph(**joined, **{name: getattr(first, name) for name in shared})
+    return replace(first, **joined)
 
 
-def _from(numbers: NDArray[np.int32], first: int) -> NDArray[np.int32]:
-    """Numbers that count from another first; -1, none, stays."""
-    moved: NDArray[np.int32] = np.where(numbers >= 0, numbers + np.int32(first), np.int32(-1))
-    return moved
+def _add_offset(indices: NDArray[np.int32], offset: int) -> NDArray[np.int32]:
+    """Adds an offset to indices; -1 (none) is kept."""
+    return np.asarray(np.where(indices >= 0, indices + np.int32(offset), np.int32(-1)))
 
 
-def _joined(parts: Sequence[Any]) -> Any:
-    """Tuples or arrays one after another; None where there is nothing."""
+def _concatenate(parts: Sequence[Any]) -> Any:
+    """Concatenates tuples or arrays; None if the parts are None."""
     if parts[0] is None:
         return None
     return tuple(chain.from_iterable(parts)) if isinstance(parts[0], tuple) else np.concatenate(parts)
 
 
 def save_graph(graph: ViewGraph, path: Path, key: Mapping[str, Any]) -> None:
-    """Write a graph to HDF5 under a temporary name, then rename; `key` says what it was made from."""
+    """Writes a graph to a temporary HDF5 file, then renames it; `key` describes what it was made from."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(path.name + ".tmp")
     with h5py.File(temporary, "w") as file:
@@ -217,7 +216,7 @@ def save_graph(graph: ViewGraph, path: Path, key: Mapping[str, Any]) -> None:
 
 
 def write_graph(file: h5py.File, graph: ViewGraph, *, skip: frozenset[str] = frozenset()) -> None:
-    """Write a graph's fields as datasets, less those a caller fills in piece by piece."""
+    """Writes a graph's fields as datasets, except `skip`, which the caller writes in parts."""
     for field in fields(graph):
         value = getattr(graph, field.name)
         if value is None or field.name in skip:
@@ -229,20 +228,20 @@ def write_graph(file: h5py.File, graph: ViewGraph, *, skip: frozenset[str] = fro
 
 
 def seal(file: h5py.File, key: Mapping[str, Any]) -> None:
-    """Mark a file as a whole graph made from `key`; a file without the mark is not read."""
+    """Marks a file as a complete graph made from `key`; a file without this mark is not read."""
     file.attrs["key"] = json.dumps(key, sort_keys=True)
     file.attrs["format"] = FORMAT
 
 
 def replace_durably(temporary: Path, path: Path) -> None:
-    """Rename a finished file into place after its bytes have reached the disk."""
+    """Renames a finished file to its final name after its bytes have reached the disk."""
     with temporary.open("rb") as file:
         os.fsync(file.fileno())
     temporary.replace(path)
 
 
 def read_key(path: Path) -> dict[str, Any] | None:
-    """What a cache was made from, or None where there is no cache or it is not a whole graph."""
+    """The key of a cached graph; None if the file is missing or is not a complete graph."""
     try:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
@@ -254,7 +253,7 @@ def read_key(path: Path) -> dict[str, Any] | None:
 
 
 def load_graph(path: Path) -> ViewGraph:
-    """Open a graph; frames and crops are memory-mapped (copy on write), the rest is read.
+    """Opens a graph; frames and crops are memory-mapped (copy on write), the rest is read.
 
     Raises:
         DataError: the file is missing, truncated, or not a graph.
@@ -262,7 +261,7 @@ def load_graph(path: Path) -> ViewGraph:
     try:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
-                raise DataError(f"{path} is not a whole recording of views; delete it and prepare it again.")
+                raise DataError(f"{path} is not a complete recording; delete it and prepare it again.")
             present = [field.name for field in fields(ViewGraph) if field.name in file]
             return ViewGraph(**{name: _read(file, name, path) for name in present})
     except OSError as error:

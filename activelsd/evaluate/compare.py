@@ -1,18 +1,20 @@
-"""Players on the same episodes: play them all, and say how they stand and differ."""
+"""Plays several players on the same episodes and computes their results and differences."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd import registry
 from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, RunError
-from activelsd.evaluate.baselines import make_baseline
 from activelsd.evaluate.metrics import (
     EpisodeGroup,
     Interval,
@@ -21,25 +23,28 @@ from activelsd.evaluate.metrics import (
     by_class,
     by_difficulty,
     by_views,
+    figure_interval,
     gain_closed,
     intervals,
-    path_lengths,
     score,
 )
-from activelsd.evaluate.players import Trained
+from activelsd.evaluate.players import Trained, make_player
 from activelsd.evaluate.protocol import BATCH, EpisodeRow, Player, Progress, episodes_of, play
 from activelsd.policy.lsdnet import LSDNet
+from activelsd.registry import BrokenPartError
+
+_LOG = logging.getLogger("activelsd")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Entrant:
-    """A trained run, and the world it is played in.
+    """A trained run and the world it plays in.
 
     Attributes:
-        name: how tables and files call it.
-        network: what it learned.
+        name: what tables and files call it.
+        network: the trained network.
         graph: its world with its own moves.
-        rules: what it was trained by; the protocol's own end takes the place of theirs.
+        rules: the rules of training; what ends an episode is replaced by the protocol's own.
         world: the world's name.
         backend: what made the pictures.
     """
@@ -54,24 +59,24 @@ class Entrant:
 
 @dataclass(frozen=True, kw_only=True)
 class Standing:
-    """How one player did.
+    """The results of one player.
 
     Attributes:
-        name: of the player.
-        world: where it played.
+        name: name of the player.
+        world: name of the world.
         backend: what made the pictures.
-        episodes: how many.
+        episodes: number of episodes.
         max_views: T.
         accuracy: fraction of right answers.
-        views: views seen when the answer was given.
-        steps: steps-to-recognise over all episodes; a wrong answer counts T.
-        views_right: views seen, over the episodes answered right; None where there is none.
-        forced: fraction of answers given where no move was legal.
-        spl: see `metrics.path_lengths`; None where nobody knows the oracle's views.
-        difficulties: episodes by the difficulty of their first view, where it is graded.
+        views: mean views seen when the answer was given.
+        steps: mean steps-to-recognise over all episodes; a wrong answer counts T.
+        views_right: mean views seen in the episodes answered right; None if there is none.
+        forced: fraction of answers given when no move was legal.
+        figures: registered figures that are known for any player, by name; None if not for this one.
+        difficulties: episodes by the difficulty of their first view, if it is graded.
         classes: episodes by label.
         seen: episodes by views seen, 1 … T (the paper's Table 3).
-        allowed: the same episodes had only 1 … T views been allowed.
+        allowed: the same episodes as if only 1 … T views had been allowed.
     """
 
     name: str
@@ -84,7 +89,7 @@ class Standing:
     steps: Interval
     views_right: float | None
     forced: float
-    spl: Interval | None
+    figures: dict[str, Interval | None]
     difficulties: list[EpisodeGroup]
     classes: list[EpisodeGroup]
     seen: list[EpisodeGroup]
@@ -93,7 +98,7 @@ class Standing:
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """A player less the reference, episode by episode."""
+    """Means and intervals of a player minus the reference, paired by episode."""
 
     name: str
     reference: str
@@ -105,18 +110,17 @@ class Difference:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """How players stand on the same episodes.
+    """Results of several players on the same episodes.
 
     Attributes:
-        split: of the episodes.
-        per_object: random starts per object, None for every start.
-        seed: of random starts, of players that draw, of resampling.
-        objects: how many objects the episodes are about.
-        players: how each did, the reference first.
-        paired: what each of the others did differently.
-        gain_closed: how much of the way from `no_move`'s accuracy to `all_views`' the reference goes; None
-            where one of them did not play or the second is not surely better.
-        rows: per player its episodes, in one order.
+        split: the split that the episodes are from.
+        per_object: random starts per object; None for every start.
+        seed: of random starts, of players that draw at random, and of resampling.
+        objects: number of objects in the episodes.
+        players: results of every player, the reference first.
+        paired: differences of the other players from the reference.
+        gain_closed: `metrics.gain_closed` of the reference; None if `no_move` or `all_views` did not play.
+        rows: episodes of every player, in the same order.
         graph: the reference's world.
     """
 
@@ -132,7 +136,7 @@ class Comparison:
 
     @property
     def reference(self) -> Standing:
-        """The trained run that the others are compared with."""
+        """Results of the trained run that the others are compared with."""
         return self.players[0]
 
 
@@ -147,51 +151,52 @@ def compare(
     batch: int = BATCH,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Play trained runs and baselines on the same episodes.
+    """Plays trained runs and registered players on the same episodes.
 
     Args:
         entrants: at least one; the first is the reference, and the baselines share its network, moves and
             rules.
-        baselines: names out of `baselines.BASELINES`.
+        baselines: names in `registry.players`.
         split: `train`, `val` or `test`.
         per_object: random starts per object; None for every start.
-        seed: of random starts, of players that draw, of resampling.
-        device: where the views lie and the networks compute.
-        batch: episodes side by side; changes nothing but the time taken.
-        progress: told how many episodes of all players are over.
+        seed: of random starts, of players that draw at random, and of resampling.
+        device: where the views are and the networks compute.
+        batch: episodes in parallel; it changes only the time taken.
+        progress: called with the finished and all episodes of all players.
 
     Raises:
-        ConfigError: a baseline is unknown or a name stands twice.
+        ConfigError: a baseline is unknown or does not fit the world, or two players have the same name.
         DataError: the split is empty.
         RunError: a run does not fit its world, or two runs' worlds have different episodes.
     """
     first = entrants[0]
-    turns: list[tuple[Player, Entrant]] = [(Trained(one.network, one.name), one) for one in entrants]
-    turns += [(make_baseline(name, first.network, first.graph, seed), first) for name in baselines]
+    for entrant in entrants:
+        _check_fits(entrant)
+        entrant.network.to(device)
+    turns: list[tuple[Player, Entrant]] = [(Trained(one.network, name=one.name), one) for one in entrants]
+    turns += [(make_player(name, first.network, first.graph, seed), first) for name in baselines]
     names = [player.name for player, _ in turns]
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f"Player '{name}' is named twice; name each run and baseline once.")
-    for entrant in entrants:
-        _check_fits(entrant)
     episodes = [episodes_of(one.graph, split, per_object=per_object, seed=seed) for one in entrants]
     for entrant, listed in zip(entrants, episodes, strict=True):
         _check_same(first, episodes[0], entrant, listed)
 
     total, rows = len(turns) * len(episodes[0]), dict[str, list[EpisodeRow]]()
     for player, entrant in turns:
-        entrant.network.to(device)
-        rows[player.name] = play(
-            player,
-            entrant.graph,
-            entrant.rules,
-            episodes[entrants.index(entrant)],
-            world=entrant.world,
-            backend=entrant.backend,
-            device=device,
-            batch=batch,
-            progress=_shifted(progress, len(rows) * len(episodes[0]), total),
-        )
+        with registry.players.blaming(player.name, "fails") if player.name in baselines else nullcontext():
+            rows[player.name] = play(
+                player,
+                entrant.graph,
+                entrant.rules,
+                episodes[entrants.index(entrant)],
+                world=entrant.world,
+                backend=entrant.backend,
+                device=device,
+                batch=batch,
+                progress=_shifted(progress, len(rows) * len(episodes[0]), total),
+            )
     limits = {player.name: entrant.rules.max_views for player, entrant in turns}
     return assemble(rows, limits, first.graph, split=split, per_object=per_object, seed=seed)
 
@@ -207,7 +212,7 @@ def measure(
     device: str = "cpu",
     batch: int = BATCH,
 ) -> dict[str, float]:
-    """The few figures a run watches while it trains, by the same protocol; it draws nothing at random."""
+    """Returns the figures that a run logs while it trains, by the same protocol and without random draws."""
     rows = play(
         Trained(network),
         graph,
@@ -236,9 +241,10 @@ def assemble(
     per_object: int | None,
     seed: int,
 ) -> Comparison:
-    """Count the episodes of players that played the same list, the reference first."""
+    """Computes the results of players that played the same list of episodes, the reference first."""
     scores = {name: score(some, max_views[name]) for name, some in rows.items()}
     reference = next(iter(rows))
+    figures = _figures(rows, seed)
     right = {name: one.right for name, one in scores.items()}
     closed = None
     if right.keys() >= {"no_move", "all_views"}:
@@ -250,7 +256,7 @@ def assemble(
         seed=seed,
         objects=int(scores[reference].objects.max()) + 1,
         players=[
-            _standing(some, scores[name], max_views[name], seed, graph.difficulty_names)
+            _standing(some, scores[name], figures[name], max_views[name], seed, graph.difficulty_names)
             for name, some in rows.items()
         ],
         paired=[
@@ -264,9 +270,32 @@ def assemble(
     )
 
 
+def _figures(rows: dict[str, list[EpisodeRow]], seed: int) -> dict[str, dict[str, Interval | None]]:
+    """Computes the registered figures of every player; leaves out those that are known for none.
+
+    A figure that fails is left out with a warning, since every comparison would fail otherwise.
+    """
+    figures: dict[str, dict[str, Interval | None]] = {name: {} for name in rows}
+    for figure in registry.figures.names():
+        try:
+            if figure in Standing.__dataclass_fields__:
+                raise registry.figures.broken(figure, "has a name that every player's own figures use")
+            function = registry.figures.get(figure)
+            with registry.figures.blaming(figure, "fails"):
+                found = {name: figure_interval(function, some, seed=seed) for name, some in rows.items()}
+        except BrokenPartError as error:
+            _LOG.warning("%s It is left out.", error)
+            continue
+        if any(found.values()):
+            for name, interval in found.items():
+                figures[name][figure] = interval
+    return figures
+
+
 def _standing(
     rows: list[EpisodeRow],
     scores: Scores,
+    figures: dict[str, Interval | None],
     max_views: int,
     seed: int,
     difficulties: tuple[str, ...] | None,
@@ -283,7 +312,7 @@ def _standing(
         steps=steps,
         views_right=float(scores.views[scores.right].mean()) if scores.right.any() else None,
         forced=float(np.mean([row.forced for row in rows])),
-        spl=path_lengths(rows, seed=seed),
+        figures=figures,
         difficulties=by_difficulty(rows, difficulties),
         classes=by_class(rows),
         seen=by_views(rows, max_views),
@@ -304,7 +333,7 @@ def _difference(name: str, scores: Scores, reference: str, to: Scores, seed: int
 
 
 def _check_fits(entrant: Entrant) -> None:
-    """A network plays only where its actions mean what they meant, and pictures are of its size."""
+    """Checks that the world has the actions and the picture size that the network was trained with."""
     network, graph = entrant.network, entrant.graph
     if network.tree != tree_of(graph):
         raise RunError(
@@ -321,7 +350,7 @@ def _check_fits(entrant: Entrant) -> None:
 def _check_same(
     first: Entrant, episodes: NDArray[np.int64], other: Entrant, listed: NDArray[np.int64]
 ) -> None:
-    """Players are compared on the same episodes only."""
+    """Checks that both worlds list the same episodes."""
     if other.graph is first.graph:
         return
     ours = [first.graph.episode(int(row)).id for row in episodes]
@@ -329,12 +358,12 @@ def _check_same(
     if ours != theirs or first.graph.classes != other.graph.classes:
         raise RunError(
             f"{first.name} and {other.name} do not play the same episodes; "
-            "compare runs whose env.dataset settings are the same."
+            "compare runs whose worlds have the same settings."
         )
 
 
 def _shifted(progress: Progress | None, before: int, total: int) -> Progress | None:
-    """Progress of one player as part of all."""
+    """Returns the progress of one player as a part of all players' progress."""
     if progress is None:
         return None
     return lambda done, _: progress(before + done, total)

@@ -1,4 +1,4 @@
-"""Episodes as filmstrips: which are worth showing, and what was seen, done and thought in each."""
+"""Chooses episodes worth showing and draws each as a filmstrip of its views, moves and answers."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ if TYPE_CHECKING:
 
 SHOWN = 6
 LONGEST = 4
-"""Views of an episode that fit a strip."""
+"""The most views that fit into a strip."""
 
 RIGHT, WRONG, INK, FAINT, BOX = "#1a7f37", "#c62828", "#24292f", "#6e7781", "#d9730d"
 
-# Of the panel's width and height.
+# Fractions of the panel's width and height.
 _MARGIN, _TOP, _WIDE, _HIGH = 0.03, 0.942, 0.80, 0.925
 
 
 class Plan(NamedTuple):
-    """Where an episode went, from above."""
+    """The path of an episode seen from above."""
 
-    points: NDArray[np.float32]  # (N, 2) metres, every place of the scene that views were recorded at
-    path: NDArray[np.float32]  # (L, 3) metres and heading in degrees of every view seen
+    points: NDArray[np.float32]  # (N, 2) metres, all places of the scene with recorded views
+    path: NDArray[np.float32]  # (L, 3) metres and heading in degrees of each view seen
 
 
 class Filmstrip(NamedTuple):
     """One episode as pictures."""
 
     row: EpisodeRow
-    frames: list[NDArray[np.uint8]]  # per view (S, S)
-    moves: list[str]  # name of the move between each view and the next, "blocked" where it led nowhere
-    boxes: list[NDArray[np.float32]]  # per view (5,) of the target; none where it fills every frame
-    crops: list[NDArray[np.uint8]]  # per view (S, S), zeros out of sight; none where the world has none
-    plan: Plan | None  # where the scene's views have poses
+    frames: list[NDArray[np.uint8]]  # (S, S) for each view
+    moves: list[str]  # name of the move after each view but the last, or "blocked"
+    boxes: list[NDArray[np.float32]]  # (5,) of the target in each view; empty if it fills every frame
+    crops: list[NDArray[np.uint8]]  # (S, S) for each view, zeros if out of sight; empty if the world has none
+    plan: Plan | None  # if the scene's views have poses
 
 
-class GroundPosition(NamedTuple):
-    """Where a picture lies in a panel, as fractions of it."""
+class Area(NamedTuple):
+    """The area of a panel that a picture covers, as fractions of the panel."""
 
     x: float  # left
     y: float  # bottom
@@ -55,29 +55,29 @@ class GroundPosition(NamedTuple):
 
 
 def choose(rows: Sequence[EpisodeRow], count: int = SHOWN, longest: int = LONGEST) -> list[EpisodeRow]:
-    """Episodes of different classes that tell most: right ones whose first view misled, and a wrong one last.
+    """Chooses episodes of different classes: right ones whose first view misled, and a wrong one last.
 
-    Always the same ones for the same rows, and fewer where there are not so many that fit a strip.
+    The order of the rows does not matter. There are fewer than `count` if too few episodes fit into a strip.
     """
     fitting = sorted(
         (row for row in rows if row.views <= longest), key=lambda row: (row.scene, row.target, row.start)
     )
     right = [row for row in fitting if row.right]
     wrong = [row for row in fitting if not row.right]
-    # Where there are too few right ones, wrong ones fill the strips.
+    # If there are too few right ones, wrong ones fill the strips.
     ends = _varied(wrong, max(1, count - len(right)), longest)
     return _varied(right, count - len(ends), longest) + ends
 
 
 def _varied(rows: Sequence[EpisodeRow], count: int, longest: int) -> list[EpisodeRow]:
-    """The most telling rows, no class again before each has come, the lengths 2, 3, … in turn."""
+    """Chooses rows such that classes repeat as late as possible and the lengths 2, 3, … take turns."""
     chosen: list[EpisodeRow] = []
-    left = list(rows)
-    while left and len(chosen) < count:
+    remaining = list(rows)
+    while remaining and len(chosen) < count:
         shown = [row.label for row in chosen]
         length = 2 + len(chosen) % max(longest - 1, 1)
         best = min(
-            left,
+            remaining,
             key=lambda row: (
                 shown.count(row.label),
                 row.views == 1,
@@ -86,12 +86,12 @@ def _varied(rows: Sequence[EpisodeRow], count: int, longest: int) -> list[Episod
             ),
         )
         chosen.append(best)
-        left.remove(best)
+        remaining.remove(best)
     return chosen
 
 
 def filmstrip(graph: ViewGraph, row: EpisodeRow) -> Filmstrip:
-    """The pictures of an episode's views, and the moves between them."""
+    """Collects the pictures of an episode's views and the moves between them."""
     scene = graph.scenes.index(row.scene)
     views = {graph.view_names[view]: int(view) for view in np.flatnonzero(graph.scene_of == scene)}
     path = [views[name] for name in row.path]
@@ -119,7 +119,7 @@ def _move(graph: ViewGraph, view: int, to: int) -> str:
 
 
 def draw_filmstrips(panel: SubFigure, strips: Sequence[Filmstrip], player: str) -> None:
-    """Fill a panel: a row an episode, under each view the answer it would give, behind the last its own."""
+    """Fills a panel: an episode per row, under each view the answer it would give, at the end its answer."""
     panel.text(
         _MARGIN, 0.967, f"Episodes of {player}", fontsize=14, fontweight="bold", color=INK, va="center"
     )
@@ -134,41 +134,39 @@ def draw_filmstrips(panel: SubFigure, strips: Sequence[Filmstrip], player: str) 
     down = _HIGH / max(len(strips), 4)
     side = min(across * 0.70 * inches[0], down * 0.76 * inches[1])
     for i, strip in enumerate(strips):
-        place = GroundPosition(
-            _MARGIN, _TOP - i * down - side / inches[1], side / inches[0], side / inches[1]
-        )
-        _draw_strip(panel, strip, place, across)
+        area = Area(_MARGIN, _TOP - i * down - side / inches[1], side / inches[0], side / inches[1])
+        _draw_strip(panel, strip, area, across)
 
 
-def _draw_strip(panel: SubFigure, strip: Filmstrip, place: GroundPosition, across: float) -> None:
-    """Views from left to right, a move's name between two, the answer behind the last."""
+def _draw_strip(panel: SubFigure, strip: Filmstrip, area: Area, across: float) -> None:
+    """Draws views from left to right, a move's name between two, and the answer after the last."""
     row = strip.row
-    middle = place.y + place.height / 2
+    middle = area.y + area.height / 2
     if strip.plan is not None:
-        _draw_plan(panel.add_axes(place), strip.plan, RIGHT if row.right else WRONG)
-        place = place._replace(x=place.x + across)
-    begin = place.x
+        _draw_plan(panel.add_axes(area), strip.plan, RIGHT if row.right else WRONG)
+        area = area._replace(x=area.x + across)
+    begin = area.x
     for i, (frame, named) in enumerate(zip(strip.frames, row.answers, strict=True)):
-        axes = panel.add_axes(place)
+        axes = panel.add_axes(area)
         axes.imshow(frame, cmap="gray", vmin=0, vmax=255)
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set(color=FAINT, linewidth=0.8)
         if strip.boxes:
             _draw_target(axes, strip.boxes[i], strip.crops[i] if strip.crops else None, len(frame))
-        centre, colour = place.x + place.width / 2, RIGHT if named == row.label else WRONG
+        centre, colour = area.x + area.width / 2, RIGHT if named == row.label else WRONG
         panel.text(
-            centre, place.y - 0.006, _lines(named, 16, 1), fontsize=10, ha="center", va="top", color=colour
+            centre, area.y - 0.006, _lines(named, 16, 1), fontsize=10, ha="center", va="top", color=colour
         )
-        place = place._replace(x=place.x + across)
+        area = area._replace(x=area.x + across)
     colour = RIGHT if row.right else WRONG
     axes.spines[:].set(color=colour, linewidth=2.5)
     for i, move in enumerate(strip.moves):
-        centre = begin + (i + 0.5) * across + place.width / 2
+        centre = begin + (i + 0.5) * across + area.width / 2
         panel.text(centre, middle + 0.006, "→", fontsize=15, ha="center", va="center", color=INK)
         short = move.removeprefix("orbit_").replace("backward", "back").replace("_", "\n")
         size = 9 if across > 0.18 else 7.5
         panel.text(centre, middle - 0.010, short, fontsize=size, ha="center", va="top", color=INK)
-    x = place.x - across + place.width + 0.015
+    x = area.x - across + area.width + 0.015
     answer = ("✓ " if row.right else "✗ ") + _lines(row.answer, 14, 2)
     panel.text(x, middle, answer, fontsize=12, fontweight="bold", color=colour, va="center")
     if not row.right:
@@ -176,7 +174,7 @@ def _draw_strip(panel: SubFigure, strip: Filmstrip, place: GroundPosition, acros
 
 
 def _draw_target(axes: Axes, box: NDArray[np.float32], crop: NDArray[np.uint8] | None, side: int) -> None:
-    """The target's box in a frame, and its crop as the network sees it in the lower right corner."""
+    """Draws the target's box in a frame, and its crop, as the network sees it, in the lower right corner."""
     from matplotlib.patches import Rectangle
 
     if not box[4]:
@@ -192,7 +190,7 @@ def _draw_target(axes: Axes, box: NDArray[np.float32], crop: NDArray[np.uint8] |
 
 
 def _draw_plan(axes: Axes, plan: Plan, colour: str) -> None:
-    """Recorded places as dots, the way gone as a line, and at each view where the camera looked."""
+    """Draws recorded places as dots, the path as a line, and the camera's direction at each view."""
     axes.scatter(plan.points[:, 0], plan.points[:, 1], s=3, color="#c8cfd6")
     x, y, heading = plan.path.astype(np.float64).T
     axes.plot(x, y, color=INK, linewidth=1.2, zorder=2)
@@ -209,5 +207,5 @@ def _draw_plan(axes: Axes, plan: Plan, colour: str) -> None:
 
 
 def _lines(name: str, width: int, most: int) -> str:
-    """A class's name in short lines."""
+    """Wraps a class's name."""
     return "\n".join(textwrap.wrap(name.replace("_", " "), width, max_lines=most, placeholder="…"))

@@ -1,8 +1,10 @@
-"""What is counted of episodes: pure functions of rows and arrays, intervals by resampling objects."""
+"""Figures of episodes as pure functions of rows and arrays, with intervals by resampling objects."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +14,17 @@ from activelsd.evaluate.protocol import EpisodeRow
 
 CONFIDENCE = 0.95
 RESAMPLES = 4000
+FIGURE_RESAMPLES = 400
+"""Fewer for registered figures, which are Python functions: SPL takes 3 s for 8 players x 3,840 episodes."""
+
 _BLOCK = 1_000_000  # numbers in one block of resampling weights, 8 MB
+
+Figure = Callable[[Sequence[EpisodeRow]], "float | None"]
+"""A figure of one player's episodes; NaN or None if they do not tell it."""
 
 
 class Interval(NamedTuple):
-    """A mean and its 95 % bootstrap interval."""
+    """A mean or figure and its 95 % bootstrap interval."""
 
     mean: float
     low: float
@@ -28,26 +36,26 @@ class Scores(NamedTuple):
 
     right: NDArray[np.bool_]  # (N,)
     views: NDArray[np.int64]  # (N,) views seen
-    steps: NDArray[np.int64]  # (N,) steps-to-recognise: views where right, T where wrong
-    objects: NDArray[np.int64]  # (N,) number of the target, 0 … O-1
+    steps: NDArray[np.int64]  # (N,) steps-to-recognise: views if right, T if wrong
+    objects: NDArray[np.int64]  # (N,) index of the target, 0 … O-1
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """(N, 3) accuracy, views and steps of every episode."""
+        """Accuracy, views and steps of every episode, (N, 3)."""
         return np.stack([self.right, self.views, self.steps], 1).astype(np.float64)
 
 
 class EpisodeGroup(NamedTuple):
-    """Episodes that have something in common."""
+    """Counts of the episodes that share a class, a difficulty or a number of views."""
 
     name: str
     episodes: int
     right: int
-    views: float  # mean
+    views: float  # mean views seen
 
 
 def score(rows: Sequence[EpisodeRow], max_views: int) -> Scores:
-    """Episodes as arrays; a wrong answer counts `max_views` steps."""
+    """Turns rows into arrays; a wrong answer counts `max_views` steps."""
     right = np.array([row.right for row in rows])
     views = np.array([row.views for row in rows])
     _, objects = np.unique([row.target for row in rows], return_inverse=True)
@@ -61,20 +69,17 @@ def resampled_means(
     seed: int,
     resamples: int = RESAMPLES,
 ) -> NDArray[np.float64]:
-    """Means over bootstrap samples of whole objects.
+    """Returns the means over bootstrap samples of whole objects, (R, F).
 
-    Episodes of one object are not independent, so it is objects that are drawn, with replacement and all
-    their episodes (Davison and Hinkley 1997, section 3.8). Columns share the draws, which is what makes
-    differences of columns paired.
+    Episodes of one object are not independent, so whole objects are drawn with replacement, each with all
+    its episodes (Davison and Hinkley 1997, section 3.8). Columns share the draws, so that their differences
+    are paired.
 
     Args:
-        values: (N, F) of every episode.
-        objects: (N,) number of each episode's object, 0 … O-1.
+        values: (N, F), values of every episode.
+        objects: (N,), index of each episode's object, 0 … O-1.
         seed: of the draws.
         resamples: R.
-
-    Returns:
-        (R, F).
     """
     number = int(objects.max()) + 1
     sums = np.stack([np.bincount(objects, column, number) for column in values.T], 1)
@@ -83,7 +88,7 @@ def resampled_means(
     block = max(1, _BLOCK // number)
     means = []
     for begin in range(0, resamples, block):
-        # How often each object is drawn is all that counts.
+        # A sample is fixed by how often each object is drawn.
         draws = min(block, resamples - begin)
         drawn = rng.multinomial(number, np.full(number, 1 / number), draws) @ totals
         means.append(drawn[:, :-1] / drawn[:, -1:])
@@ -97,18 +102,47 @@ def intervals(
     seed: int,
     resamples: int = RESAMPLES,
 ) -> list[Interval]:
-    """Mean and 95 % percentile interval of every column of `values` (N, F), resampling objects.
+    """Returns the mean and 95 % percentile interval of every column of `values` (N, F), resampling objects.
 
-    Where all objects are alike, for example all answered right, the interval is a point: nothing in the
-    sample says how far off it may be.
+    If all objects are alike, for example all answered right, the interval is a point: the sample cannot tell
+    how far off it may be.
     """
     low, high = _bounds(resampled_means(values, objects, seed=seed, resamples=resamples))
-    means = values.mean(0)
-    # Rounding of sums may put a mean that no resample changes a hair outside its own interval.
-    return [
-        Interval(mean, min(mean, a), max(mean, b))
-        for mean, a, b in zip(means.tolist(), low.tolist(), high.tolist(), strict=True)
-    ]
+    bounds = zip(values.mean(0).tolist(), low.tolist(), high.tolist(), strict=True)
+    return [_interval(*bound) for bound in bounds]
+
+
+def figure_interval(
+    figure: Figure, rows: Sequence[EpisodeRow], *, seed: int, resamples: int = FIGURE_RESAMPLES
+) -> Interval | None:
+    """Returns a figure of one player's episodes and its 95 % percentile interval; None if it is not known.
+
+    Resamples whole objects with the draws of `resampled_means`, and computes the figure anew for each; those
+    for which it is not known are left out.
+    """
+    value = _known(figure(rows))
+    if math.isnan(value):
+        return None
+    by_object: dict[str, list[EpisodeRow]] = {target: [] for target in sorted({row.target for row in rows})}
+    for row in rows:
+        by_object[row.target].append(row)
+    groups, number = list(by_object.values()), len(by_object)
+    resampled = []
+    for times in np.random.default_rng(seed).multinomial(number, np.full(number, 1 / number), resamples):
+        drawn = np.repeat(np.arange(number), times).tolist()
+        resampled.append(_known(figure(list(chain.from_iterable(groups[i] for i in drawn)))))
+    known = np.array([x for x in resampled if not math.isnan(x)] or [value])
+    return _interval(value, *_bounds(known).tolist())
+
+
+def _known(value: float | None) -> float:
+    """The value as a float; NaN for None and for what no file can hold."""
+    return math.nan if value is None or not math.isfinite(value) else float(value)
+
+
+def _interval(mean: float, low: float, high: float) -> Interval:
+    # Rounding of sums may put a mean that no resample changes slightly outside its own interval.
+    return Interval(mean, min(mean, low), max(mean, high))
 
 
 def _bounds(resampled: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -124,17 +158,17 @@ def gain_closed(
     *,
     seed: int,
 ) -> Interval | None:
-    """How much of the way from one accuracy to a higher one a third goes: 1 is all of it.
+    """Returns (trained - no_move) / (all_views - no_move) for accuracies; 1 means as good as `all_views`.
 
     Args:
-        trained: (N,) right or wrong.
-        floor: (N,) of `no_move` on the same episodes.
-        ceiling: (N,) of `all_views`.
-        objects: (N,).
+        trained: (N,), which episodes the run answered right.
+        floor: (N,), the same for `no_move`.
+        ceiling: (N,), the same for `all_views`.
+        objects: (N,), index of each episode's object.
         seed: of the draws.
 
     Returns:
-        The fraction and its interval, or None where the ceiling is not surely above the floor.
+        The fraction and its interval; None if the interval of all_views - no_move reaches 0.
     """
     values = np.stack([trained.astype(np.float64) - floor, ceiling.astype(np.float64) - floor], 1)
     resampled = resampled_means(values, objects, seed=seed)
@@ -146,26 +180,26 @@ def gain_closed(
     return Interval(float(mean[0] / mean[1]), float(low), float(high))
 
 
-def path_lengths(rows: Sequence[EpisodeRow], *, seed: int) -> Interval | None:
-    """Success weighted by path length (SPL, Anderson et al. 2018), with views for its lengths.
+def spl(rows: Sequence[EpisodeRow]) -> float:
+    """Success weighted by path length (Anderson et al. 2018): a right answer counts oracle_views / views.
 
-    A right answer counts the oracle's views over those seen, at most 1; a wrong one counts 0. Episodes whose
-    target can be shown well from nowhere are left out; None where nobody knows the oracle's views.
+    It counts at most 1, and a wrong answer 0. Episodes whose target can be shown well from nowhere are left
+    out. NaN if the oracle's views are known for no episode.
     """
-    known = [row for row in rows if row.oracle_views is not None and row.oracle_views > 0]
-    if not known:
-        return None
-    shares = [row.right * (row.oracle_views or 0) / max(row.views, row.oracle_views or 0) for row in known]
-    _, objects = np.unique([row.target for row in known], return_inverse=True)
-    return intervals(np.array(shares)[:, None], objects, seed=seed)[0]
+    shares = [
+        row.right * row.oracle_views / max(row.views, row.oracle_views)
+        for row in rows
+        if row.oracle_views is not None and row.oracle_views > 0
+    ]
+    return float(np.mean(shares)) if shares else math.nan
 
 
 def by_difficulty(rows: Sequence[EpisodeRow], names: Sequence[str] | None = None) -> list[EpisodeGroup]:
-    """Episodes by the difficulty of their first view, easiest first; none where it is not graded.
+    """Groups episodes by the difficulty of their first view, easiest first; leaves out those without one.
 
     Args:
         rows: of one player.
-        names: of the difficulties in their order; None where they are numbers.
+        names: of the difficulties in their order; None if they are numbers.
     """
     found = {row.difficulty for row in rows if row.difficulty is not None}
     order = sorted(found) if names is None else [name for name in names if name in found]
@@ -173,21 +207,21 @@ def by_difficulty(rows: Sequence[EpisodeRow], names: Sequence[str] | None = None
 
 
 def by_class(rows: Sequence[EpisodeRow]) -> list[EpisodeGroup]:
-    """Episodes by label, in order of name."""
+    """Groups episodes by label, in order of name."""
     names = sorted({row.label for row in rows})
     return _groups({name: [row for row in rows if row.label == name] for name in names})
 
 
 def by_views(rows: Sequence[EpisodeRow], max_views: int) -> list[EpisodeGroup]:
-    """Episodes by views seen, 1 … T (the paper's Table 3)."""
+    """Groups episodes by views seen, 1 … T (the paper's Table 3)."""
     return _groups({str(n): [row for row in rows if row.views == n] for n in range(1, max_views + 1)})
 
 
 def by_allowed(rows: Sequence[EpisodeRow], max_views: int) -> list[EpisodeGroup]:
-    """The same episodes had only 1 … T views been allowed.
+    """Counts the same episodes as if only 1 … T views had been allowed.
 
-    Exact without playing again: up to its last view an episode goes as it would with more allowed, and there
-    the answer is the one it would have named, which the rows keep for every view.
+    This is exact without playing again: up to its last view an episode does not depend on the views allowed,
+    and the rows hold the answer that would have been given at every view.
     """
     groups = []
     for allowed in range(1, max_views + 1):

@@ -1,4 +1,4 @@
-"""Who plays: a trained run, and the baselines that share its network or do without one."""
+"""Players: a trained run, and those that share its network or do without one."""
 
 from __future__ import annotations
 
@@ -8,126 +8,176 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from activelsd.envs.actions import CLASSIFY, ActionTree
+from activelsd import registry
+from activelsd.envs.actions import CLASSIFY
 from activelsd.envs.draws import draw, draw_key
 from activelsd.envs.viewgraph import ViewGraph
+from activelsd.evaluate.protocol import Player
 from activelsd.policy.heads import ActionDistribution
 from activelsd.policy.lsdnet import LSDNet
 
 
-class Trained:
-    """A network's own recognition, stopping and moves.
+def make_player(name: str, network: LSDNet, graph: ViewGraph, seed: int) -> Player:
+    """Returns the player that is registered under a name, called by that name.
 
-    Class and move are the likeliest. It stops at the median of the time at which the policy does, were its
-    actions drawn as in training: at the view by which it would have answered in half of all cases. Asking at
-    every view alone whether an answer is likelier than a move would have it go on to the last one where each
-    view's chance of an answer is a little below a half.
+    Raises:
+        UnknownPartError: no player has that name.
+        ConfigError: the player needs moves or boxes that this world does not have.
+    """
+    make = registry.players.get(name)
+    with registry.players.blaming(name, "cannot be made"):
+        player: Player = make(network, graph, seed)
+        player.name, _ = name, player.frames
+    return player
+
+
+class Trained:
+    """A network that recognises, moves and decides when to stop.
+
+    It takes the likeliest class and the likeliest move. It stops at the median of the time at which the
+    policy would stop if its actions were drawn as in training: at the view by which it would have answered in
+    half of all cases. If it stopped only where an answer is likelier than a move, a policy that answers with
+    a chance of a little less than a half at every view would always go on to the last one.
+
+    Other players derive from it; `act` is all that they need to define.
+
+    Attributes:
+        name: what tables and files call the player.
+        network: the network that looks.
+        frames: K, how many views are stacked.
+        classes: the actions that answer.
+        moves: the actions that move, of all branches.
+        draws: random draws that the seed fixes, for players that need them.
     """
 
-    def __init__(self, network: LSDNet, name: str = "trained") -> None:
-        self.name, self.network = name, network
-        self.frames = network.shape.frames
-        self.classes = network.tree.span(CLASSIFY)
+    name = "trained"
+
+    def __init__(
+        self, network: LSDNet, graph: ViewGraph | None = None, seed: int = 0, *, name: str | None = None
+    ) -> None:
+        """Sets the player up; a name given replaces the class's own, and `graph` is for subclasses."""
+        self.name = name or self.name
+        self.network, self.frames = network, network.shape.frames
+        self.classes, self.moves = network.tree.span(CLASSIFY), network.tree.moves
         self._classify = network.tree.branches.index(CLASSIFY)
+        self.draws = Draws(seed)
 
     def begin(self, batch: int) -> None:
-        """Clear the memory."""
+        """Clears the memory and starts the draws again."""
+        self.draws.begin(batch)
         self._memory = self.network.initial_state(batch)
-        self._unanswered = torch.ones(batch, device=self._memory.device)
+        self._unanswered = torch.ones(batch, device=self.network.device)
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """The likeliest class where it stops, else the likeliest move."""
+        """Returns the likeliest class if it stops here, else the likeliest move."""
         self.look(observation, mask, first)
         return torch.where(self.stops(), self.name_class(), self.likeliest_move())
 
     def stops(self) -> Tensor:
-        """(B,) bool whether it answers now."""
+        """Returns whether it answers at this view, bool (B,)."""
         return self._unanswered <= 0.5
 
     def answer(self) -> Tensor:
-        """The likeliest class, after all views in memory."""
+        """Returns the likeliest class given all views in memory, int64 (B,)."""
         classes: Tensor = self._policy.class_log_probs().argmax(-1)
         return classes
 
     def look(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> ActionDistribution:
-        """Take a view into memory; the policy over the actions that `mask` leaves."""
+        """Adds a view to the memory and returns the policy over the legal actions; call it once in `act`."""
+        self.draws.look(first)
         one = {name: value[None] for name, value in observation.items()}
         output = self.network(one, self._memory, first[None])
         self._memory = output.state
         self._policy: ActionDistribution = self.network.distribution(output.logits[0], mask)
         answers = self._policy.branch_probs()[:, self._classify]
-        # The chance that, drawn, it would not have answered up to here.
+        # Probability that a policy whose actions are drawn would not have answered yet.
         self._unanswered = torch.where(first, 1.0, self._unanswered) * (1.0 - answers)
         return self._policy
 
     def name_class(self) -> Tensor:
-        """(B,) int64 the action that names the likeliest class."""
+        """Returns the action that answers with the likeliest class, int64 (B,)."""
         actions: Tensor = self.answer() + self.classes.start
         return actions
 
     def likeliest_move(self) -> Tensor:
-        """(B,) int64 the likeliest move, where one is legal."""
-        moves: Tensor = self._policy.move_log_probs().argmax(-1) + self.classes.stop
+        """Returns the likeliest move of all branches, int64 (B,); illegal only if no move is legal."""
+        moves: Tensor = self._policy.move_log_probs().argmax(-1) + self.moves.start
         return moves
+
+    def random_move(self, mask: Tensor) -> Tensor:
+        """Draws one of the legal moves uniformly, int64 (B,); illegal only if no move is legal."""
+        return self.draws.choose(mask[:, self.moves], 0, 1) + int(self.moves.start)
 
 
 class NoMove(Trained):
     """The network answers at the first view."""
 
-    def __init__(self, network: LSDNet) -> None:
-        super().__init__(network, "no_move")
+    name = "no_move"
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """The likeliest class."""
+        """Returns the likeliest class."""
         self.look(observation, mask, first)
         return self.name_class()
 
 
 class AllViews(Trained):
-    """Sweeps the orbit view by view, then the network answers: the ceiling of what looking can give it."""
+    """Sees all views that one repeated move leads to, then answers: the most that looking can give a network.
 
-    def __init__(self, network: LSDNet, graph: ViewGraph) -> None:
-        super().__init__(network, "all_views")
-        column, self.length = longest_sweep(graph)
-        self.move = self.classes.stop + column
+    In every episode it repeats the move that sees the most views from that episode's start.
+    """
+
+    name = "all_views"
+
+    def __init__(self, network: LSDNet, graph: ViewGraph, seed: int = 0) -> None:
+        super().__init__(network, graph, seed)
+        self._graph = graph
 
     def begin(self, batch: int) -> None:
-        """Clear the memory and the count of views."""
+        """Clears the memory and the count of views."""
         super().begin(batch)
-        self._seen = torch.zeros(batch, dtype=torch.int64, device=self._memory.device)
+        self._move, self._length, self._seen = torch.zeros(
+            3, batch, dtype=torch.int64, device=self.network.device
+        )
+
+    def tell(self, views: Tensor, targets: Tensor) -> None:
+        """Takes the view that every episode is at; see `protocol.Insider`."""
+        self._views = views
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """Move on until the sweep is whole or no move is legal."""
+        """Returns the repeated move until all its views are seen or it is not legal, then the answer."""
         self.look(observation, mask, first)
-        self._seen = torch.where(first, 1, self._seen + 1)
-        goes_on = (self._seen < self.length) & mask[:, self.move]
-        return torch.where(goes_on, self.move, self.name_class())
+        for i in first.nonzero().squeeze(1).tolist():
+            column, length = longest_sweep(self._graph, int(self._views[i]))
+            self._move[i], self._length[i], self._seen[i] = self.moves.start + column, length, 0
+        self._seen += 1
+        legal = mask.gather(1, self._move[:, None]).squeeze(1)
+        return torch.where((self._seen < self._length) & legal, self._move, self.name_class())
 
 
 class Draws:
-    """Uniform draws numbered by episode and view, so that neither batch nor device changes them."""
+    """Uniform draws that depend on episode and view only, not on the batch or the device."""
 
     def __init__(self, seed: int) -> None:
         self._key = draw_key(np.random.default_rng(seed))
 
     def begin(self, batch: int) -> None:
-        """Place i will play episodes i, i + batch and so on."""
+        """Starts again; environment i of the batch will play episodes i, i + batch and so on."""
         self._batch = batch
         self._episode, self._view = torch.arange(-batch, 0), torch.zeros(batch, dtype=torch.int64)
 
     def look(self, first: Tensor) -> None:
-        """Count a view of every episode; `first` bool (B,) where the next episode begins."""
+        """Counts a view of every episode; `first` bool (B,) is true where the next episode begins."""
         episode = self._episode.to(first.device)
         self._episode = torch.where(first, episode + self._batch, episode)
         self._view = torch.where(first, 0, self._view.to(first.device) + 1)
         self._keys = draw(torch.full_like(self._episode, self._key), self._episode, 2**62)
 
     def choose(self, among: Tensor, number: int, per_view: int) -> Tensor:
-        """One of the columns where `among` bool (B, n) is true; 0 in rows where none is.
+        """Draws one true column of every row, int64 (B,); 0 in rows without one.
 
         Args:
-            among: (B, n) what to choose from.
-            number: which of the view's draws this is.
+            among: bool (B, n) the columns to choose from.
+            number: index of this draw among those of the view.
             per_view: how many draws a view has.
         """
         drawn = draw(self._keys, self._view * per_view + number, 2**62)
@@ -138,41 +188,32 @@ class Draws:
 class RandomWalk(Trained):
     """The network recognises and decides when to stop; moves are drawn uniformly from the legal ones."""
 
-    def __init__(self, network: LSDNet, seed: int) -> None:
-        super().__init__(network, "random_walk")
-        self._draws = Draws(seed)
-
-    def begin(self, batch: int) -> None:
-        """Clear the memory, and draw as at first."""
-        super().begin(batch)
-        self._draws.begin(batch)
+    name = "random_walk"
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """The network's answer, or any legal move where it would move."""
+        """Returns the network's answer if it stops here, else any legal move."""
         self.look(observation, mask, first)
-        self._draws.look(first)
-        moves = mask.clone()
-        moves[:, self.classes] = False
-        return torch.where(self.stops(), self.name_class(), self._draws.choose(moves, 0, 1))
+        return torch.where(self.stops(), self.name_class(), self.random_move(mask))
 
 
 class RandomPolicy:
-    """No network: a branch drawn uniformly, then one of its legal actions."""
+    """Draws a branch uniformly, then one of its legal actions; it needs the network's action tree only."""
 
     name = "random_policy"
     frames = 1
 
-    def __init__(self, tree: ActionTree, seed: int) -> None:
+    def __init__(self, network: LSDNet, graph: ViewGraph | None = None, seed: int = 0) -> None:
+        tree = network.tree
         self._spans = [tree.span(branch) for branch in tree.branches]
         self._classify = tree.branches.index(CLASSIFY)
         self._draws = Draws(seed)
 
     def begin(self, batch: int) -> None:
-        """Draw as at first."""
+        """Starts the draws again."""
         self._draws.begin(batch)
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """Any branch with a legal action, any legal action of it."""
+        """Returns any legal action of any branch that has one."""
         self._draws.look(first)
         per_view = 1 + len(self._spans)
         open_branch = torch.stack([mask[:, span].any(1) for span in self._spans], 1)
@@ -181,19 +222,19 @@ class RandomPolicy:
             self._draws.choose(mask[:, span], 1 + i, per_view) + span.start
             for i, span in enumerate(self._spans)
         ]
-        self._named: Tensor = leaves[self._classify] - self._spans[self._classify].start
+        self._class: Tensor = leaves[self._classify] - self._spans[self._classify].start
         return torch.stack(leaves, 1).gather(1, branch[:, None]).squeeze(1)
 
     def answer(self) -> Tensor:
-        """Any class."""
-        return self._named
+        """Returns the class drawn at this view, int64 (B,)."""
+        return self._class
 
 
-def longest_sweep(graph: ViewGraph) -> tuple[int, int]:
-    """The column of the move that, repeated, sees the most views from the first start, and how many."""
+def longest_sweep(graph: ViewGraph, start: int) -> tuple[int, int]:
+    """Returns the column of the move that, repeated from a view, sees the most views, and how many."""
     best, most = 0, 0
     for column in range(len(graph.move_names)):
-        view, seen = int(graph.start_view[0]), set[int]()
+        view, seen = start, set[int]()
         while view >= 0 and view not in seen:
             seen.add(view)
             view = int(graph.moves[view, column])

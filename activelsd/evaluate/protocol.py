@@ -1,4 +1,4 @@
-"""The protocol every player is measured by: one answer an episode, one frozen list of episodes."""
+"""The protocol for all players: one answer per episode, and the same fixed list of episodes."""
 
 from __future__ import annotations
 
@@ -17,74 +17,72 @@ from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph
 
 BATCH = 128
-"""Episodes side by side: enough to feed a CPU core, few enough that they end at about the same time."""
+"""Episodes played in parallel: enough to keep a CPU core busy, few enough to end at about the same time."""
 
 Progress = Callable[[int, int], None]
-"""Called with the episodes that are over and all there are."""
+"""Called with the number of finished episodes and of all episodes."""
 
 
 class Player(Protocol):
-    """Plays B episodes side by side; what is learned and what is scripted are played alike.
+    """Plays B episodes in parallel, by a network or by rules.
 
-    Place i of the batch plays the list's episodes i, i + B, i + 2B, …: a player that draws can number its
-    draws by episode and view, and then plays the same in any batch.
+    Index i of the batch plays the list's episodes i, i + B, i + 2B, …: a player that draws at random can
+    number its draws by episode and view, so that it plays the same in a batch of any size.
 
     Attributes:
-        name: how tables and files call it.
-        frames: K, how many views it wants stacked.
+        name: what tables and files call it.
+        frames: K, how many views the observation stacks.
     """
 
     name: str
     frames: int
 
     def begin(self, batch: int) -> None:
-        """Forget everything; `batch` episodes begin."""
+        """Forgets everything; `batch` episodes begin."""
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """Choose, once per view.
+        """Returns a legal action for every episode, int64 (B,); called once per view.
 
         Args:
-            observation: as of `ViewGraphVectorEnv.observe`, (B, ...).
-            mask: (B, n) bool, the legal actions.
-            first: (B,) bool, where this is an episode's first view.
-
-        Returns:
-            (B,) int64 legal actions.
+            observation: tensors (B, ...) as from `ViewGraphVectorEnv.observe`.
+            mask: bool (B, n), the legal actions.
+            first: bool (B,), whether this is the first view of an episode.
         """
 
     def answer(self) -> Tensor:
-        """(B,) int64 classes it would have named, had the view it acted on last been the last allowed."""
+        """Returns the classes it would name if the view of the last `act` were the last one, int64 (B,)."""
 
 
 @runtime_checkable
 class Insider(Protocol):
-    """A player that is told where it is, which no observation says."""
+    """A player that also wants to know where it is, which observations do not say."""
 
     def tell(self, views: Tensor, targets: Tensor) -> None:
-        """Before `act`: int64 (B,) the graph's view and target of every episode."""
+        """Called before `act` with the graph's view and target of every episode, int64 (B,)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeRow:
-    """One episode of one player, as it stands in `episodes.jsonl`; every figure is computed from these.
+    """One episode of one player, as `episodes.jsonl` holds it; every figure is computed from these rows.
 
     Attributes:
-        player: who played.
-        world: the world's name.
+        player: name of the player.
+        world: name of the world.
         backend: what made the pictures.
-        scene: where.
+        scene: name of the scene.
         target: the object asked for.
-        label: its class.
+        label: class of the target.
         start: name of the first view.
         views: views seen when the answer was given.
         answer: the class named.
-        right: whether it is the label.
-        forced: it was named where no move was legal.
-        oracle_views: fewest views until one shows the target well, -1 where none can be reached; None where
-            nobody knows.
-        difficulty: of the first view, where it is graded.
-        path: name of every view seen, in order.
-        answers: per view seen, the class it would have named were no more allowed; the last is `answer`.
+        right: whether `answer` is `label`.
+        forced: whether no move was legal when the answer was given.
+        oracle_views: fewest views until one shows the target well, -1 if none can be reached; None if not
+            known.
+        difficulty: of the first view; None if not graded.
+        path: names of the views seen, in order.
+        answers: for every view seen, the class it would have named if that were the last view allowed; the
+            last one is `answer`.
     """
 
     player: str
@@ -107,13 +105,13 @@ class EpisodeRow:
 def episodes_of(
     graph: ViewGraph, split: str, *, per_object: int | None = None, seed: int = 0
 ) -> NDArray[np.int64]:
-    """The frozen list of episodes, as rows of the graph's starts.
+    """Returns the fixed list of episodes, as rows of the graph's starts.
 
     Args:
         graph: the world.
         split: `train`, `val` or `test`.
-        per_object: None for every start of every target; else so many random starts of each (the paper: 20).
-        seed: draws the random starts.
+        per_object: number of random starts of every target (the paper: 20); None for every start.
+        seed: of the random starts.
 
     Raises:
         DataError: the split is unknown or empty.
@@ -140,23 +138,20 @@ def play(
     batch: int = BATCH,
     progress: Progress | None = None,
 ) -> list[EpisodeRow]:
-    """Play a list of episodes to their end.
+    """Plays a list of episodes and returns a row for each, in the order of the list.
 
     The first class ends an episode, and at the last view only classes are legal, so each gets an answer.
 
     Args:
-        player: who plays; its network, where it has one, is on `device`.
+        player: who plays; its network, if it has one, is on `device`.
         graph: the world.
-        rules: what a run was trained by; the protocol's own end takes the place of theirs.
-        episodes: rows of the graph's starts, as of `episodes_of`.
+        rules: the rules of training; what ends an episode is replaced by the protocol's own.
+        episodes: rows of the graph's starts, as from `episodes_of`.
         world: written into every row.
         backend: written into every row.
-        device: where the views lie.
-        batch: episodes side by side; it changes nothing but the time taken.
-        progress: told how many episodes are over.
-
-    Returns:
-        A row per episode, in the order of the list.
+        device: where the views are.
+        batch: episodes in parallel; it changes only the time taken.
+        progress: called as episodes end.
 
     Raises:
         ValueError: the player took an action that is not legal.
@@ -175,8 +170,8 @@ def play(
     env.begin(0)
     player.begin(batch)
     first = torch.ones(batch, dtype=torch.bool, device=device)
-    place = list(range(batch))  # number in the list of the episode that each environment plays
-    seen: list[list[tuple[int, int]]] = [[] for _ in range(batch)]  # views, and the class named at each
+    index = list(range(batch))  # in the list, of the episode that each environment plays
+    seen: list[list[tuple[int, int]]] = [[] for _ in range(batch)]  # views, and the class for each
     rows: list[EpisodeRow | None] = [None] * len(episodes)
     over = 0
     while over < len(episodes):
@@ -194,13 +189,13 @@ def play(
         forced = (mask.sum(1) == mask[:, classes].sum(1)).tolist()
         answers = step.answer.tolist()
         for i in first.nonzero().squeeze(1).tolist():
-            # An environment that has played all of its share goes on with its last episode: not counted.
-            if place[i] < len(episodes):
+            # An environment without episodes left repeats the list's last one, which is not counted.
+            if index[i] < len(episodes):
                 looks = [*seen[i][:-1], (seen[i][-1][0], answers[i])]
-                start = int(episodes[place[i]])
-                rows[place[i]] = _row(player.name, world, backend, graph, start, looks, forced=forced[i])
+                start = int(episodes[index[i]])
+                rows[index[i]] = _row(player.name, world, backend, graph, start, looks, forced=forced[i])
                 over += 1
-            place[i] += batch
+            index[i] += batch
             seen[i] = []
         if progress is not None:
             progress(over, len(episodes))
@@ -217,7 +212,7 @@ def _row(
     *,
     forced: bool,
 ) -> EpisodeRow:
-    """The row of an episode over, from the views seen and what each would have been named."""
+    """Makes the row of an episode from its views and the class for each."""
     episode, answer = graph.episode(start), looks[-1][1]
     return EpisodeRow(
         player=player,

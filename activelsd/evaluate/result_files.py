@@ -1,11 +1,11 @@
-"""A comparison on disk: JSON, CSV, a row an episode, and the picture, each written whole or not at all."""
+"""Writes a comparison as JSON, CSV, one row per episode, and a picture; never half of a file."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,18 +18,15 @@ MEASURES = ("accuracy", "views", "steps")
 
 
 def write(comparison: Comparison, folder: Path, stem: str = "comparison") -> list[Path]:
-    """Write `<stem>.json`, `<stem>.csv`, `<stem>.png` and the episodes into a folder.
+    """Writes `<stem>.json`, `<stem>.csv`, `<stem>.png` and the episodes into a folder; returns their paths.
 
     Args:
         comparison: what to write.
-        folder: made where it is missing.
+        folder: made if it is missing.
         stem: of the files' names; the episodes of the stem `comparison` go to `episodes.jsonl`, those of any
             other to `<stem>_episodes.jsonl`.
-
-    Returns:
-        The files.
     """
-    from activelsd.evaluate.figure import draw  # matplotlib takes a while to import
+    from activelsd.evaluate.picture import draw  # matplotlib takes a while to import
 
     folder.mkdir(parents=True, exist_ok=True)
     episodes = "episodes.jsonl" if stem == "comparison" else f"{stem}_episodes.jsonl"
@@ -43,7 +40,7 @@ def write(comparison: Comparison, folder: Path, stem: str = "comparison") -> lis
 
 
 def as_json(comparison: Comparison) -> dict[str, Any]:
-    """All figures as plain values."""
+    """Returns all figures as plain values."""
     closed = comparison.gain_closed
     return {
         "format": FORMAT,
@@ -66,11 +63,12 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
 
 
 def as_csv(comparison: Comparison) -> str:
-    """A line a player; intervals as two columns, and differences to the reference behind."""
+    """Returns a line per player: means, ends of their intervals, and differences from the reference."""
     ends = ("", "_low", "_high")
     head = ["name", "world", "backend", "split", "episodes"]
     head += [name + end for name in MEASURES for end in ends] + ["views_right", "forced"]
-    head += [f"spl{end}" for end in ends]
+    figures = list(comparison.reference.figures)
+    head += [name + end for name in figures for end in ends]
     head += [f"{name}_difference{end}" for name in MEASURES for end in ends]
     paired = {one.name: one for one in comparison.paired}
     text = io.StringIO()
@@ -79,13 +77,13 @@ def as_csv(comparison: Comparison) -> str:
     for one in comparison.players:
         differences = _numbers(paired[one.name]) if one.name in paired else [None] * len(MEASURES) * len(ends)
         about = [one.name, one.world, one.backend, comparison.split, one.episodes]
-        paths = one.spl or [None] * len(ends)
-        lines.writerow([*about, *_numbers(one), one.views_right, one.forced, *paths, *differences])
+        known = [number for name in figures for number in one.figures[name] or [None] * len(ends)]
+        lines.writerow([*about, *_numbers(one), one.views_right, one.forced, *known, *differences])
     return text.getvalue()
 
 
 def as_lines(comparison: Comparison) -> str:
-    """A JSON object a line, an episode of a player each."""
+    """Returns one JSON object per line, for each episode of each player."""
     return "".join(json.dumps(asdict(row)) + "\n" for rows in comparison.rows.values() for row in rows)
 
 
@@ -96,8 +94,7 @@ def _player(one: Standing) -> dict[str, Any]:
         **_measures(one),
         "views_right": one.views_right,
         "forced": one.forced,
-        "spl": one.spl and one.spl.mean,
-        "spl_ci": one.spl and [one.spl.low, one.spl.high],
+        **_intervals(one.figures),
         "max_views": one.max_views,
         "by_class": _groups("class", one.classes),
         "by_difficulty": _groups("difficulty", one.difficulties),
@@ -111,12 +108,15 @@ def _paired(one: Difference) -> dict[str, Any]:
 
 
 def _measures(one: Standing | Difference) -> dict[str, Any]:
-    """`accuracy`, `accuracy_ci`, `views` and so on."""
-    measures: dict[str, Any] = {}
-    for name in MEASURES:
-        interval: Interval = getattr(one, name)
-        measures |= {name: interval.mean, f"{name}_ci": [interval.low, interval.high]}
-    return measures
+    return _intervals({name: getattr(one, name) for name in MEASURES})
+
+
+def _intervals(of: Mapping[str, Interval | None]) -> dict[str, Any]:
+    """Returns `NAME` and `NAME_ci` for every interval; null if it is not known."""
+    plain: dict[str, Any] = {}
+    for name, interval in of.items():
+        plain |= {name: interval and interval.mean, f"{name}_ci": interval and [interval.low, interval.high]}
+    return plain
 
 
 def _numbers(one: Standing | Difference) -> list[float | None]:
@@ -124,7 +124,7 @@ def _numbers(one: Standing | Difference) -> list[float | None]:
 
 
 def _groups(by: str, groups: Sequence[EpisodeGroup]) -> list[dict[str, Any]]:
-    """Counts of episodes by class or difficulty (a name) or by views (a number)."""
+    """Returns counts of episodes by class or difficulty (a name) or by views (a number)."""
     return [
         {
             by: int(group.name) if by.startswith("views") else group.name,
@@ -139,7 +139,7 @@ def _groups(by: str, groups: Sequence[EpisodeGroup]) -> list[dict[str, Any]]:
 
 
 def _replace(path: Path, content: bytes) -> Path:
-    """Write under a temporary name, then rename."""
+    """Writes under a temporary name, then renames."""
     temporary = path.with_name(path.name + ".tmp")
     temporary.write_bytes(content)
     temporary.replace(path)

@@ -1,16 +1,20 @@
-"""A comparison as a table for a screen of 80 columns."""
+"""Prints a comparison as tables for a screen of 80 columns."""
 
 from __future__ import annotations
 
+import inspect
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import accumulate
 from typing import TYPE_CHECKING
 
+from activelsd import registry
 from activelsd.evaluate.compare import Comparison, Difference, Standing
 from activelsd.evaluate.metrics import Interval
 
 if TYPE_CHECKING:
     from rich.console import Group, RenderableType
+    from rich.table import Table
 
 WIDTH = 80
 VERSUS = "  vs "
@@ -18,52 +22,68 @@ HEADS = ("Accuracy, %", "Views seen", "Steps")
 
 
 def render(comparison: Comparison, width: int = WIDTH) -> Group:
-    """Rich's renderable: a line a player, below it what it does differently, and what the figures mean.
+    """Returns Rich's renderable: each player, its difference from the reference, and notes on the figures.
 
-    Figures are never cut; names give way where `width` columns do not hold all.
+    Values are never cut; names are shortened if `width` columns do not hold them.
     """
-    from rich import box
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
     lines = list(_lines(comparison))
     room = width - 3 - sum(max(len(cells[i]) for _, cells, _ in lines) + 1 for i in range(3))
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
-    for head in ("Player", *HEADS):
-        table.add_column(head, no_wrap=True)
-    for name, cells, style in lines:
-        table.add_row(Text(_short(name, room)), *(Text(cell) for cell in cells), style=style)
-    return Group(table, *_more(comparison), *(Text(line) for line in notes(comparison)))
+    table = _table(
+        ("Player", *HEADS), [([_short(name, room), *cells], style) for name, cells, style in lines]
+    )
+    return Group(table, *_more(comparison, width, room), *(Text(line) for line in notes(comparison)))
 
 
-def _more(comparison: Comparison) -> Iterator[RenderableType]:
-    """A second table where first views are graded or the oracle's way is known: a line a player."""
+def _table(heads: Sequence[str], lines: Iterable[tuple[Sequence[str], str]]) -> Table:
+    """A table of lines with a style each."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    reference = comparison.reference
-    if not reference.difficulties and reference.spl is None:
-        return
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("By difficulty" if reference.difficulties else "Player", no_wrap=True)
-    for group in reference.difficulties:
-        table.add_column(f"{group.name}, {group.episodes}", no_wrap=True)
-    if reference.spl is not None:
-        table.add_column("SPL", no_wrap=True)
-    for one in comparison.players:
-        cells = [
-            f"{100 * group.right / group.episodes:.1f} / {group.views:.1f}" for group in one.difficulties
-        ]
-        cells += [] if one.spl is None else [f"{one.spl.mean:.2f}"]
-        table.add_row(Text(one.name), *map(Text, cells), style="bold" if one is reference else "")
-    yield Text("")
-    yield table
+    for head in heads:
+        table.add_column(Text(head), no_wrap=True)
+    for cells, style in lines:
+        table.add_row(*map(Text, cells), style=style)
+    return table
+
+
+def _more(comparison: Comparison, width: int, name_width: int) -> Iterator[RenderableType]:
+    """Results by difficulty and registered figures, a line per player, in as many tables as they need."""
+    from rich.text import Text
+
+    reference, players = comparison.reference, comparison.players
+    title = "By difficulty" if reference.difficulties else "Player"
+    names = [_short(one.name, name_width) for one in players]
+    room = width - max(map(len, [title, *names])) - 2
+    columns = [
+        [f"{group.name}, {group.episodes}"]
+        + [f"{100 * g.right / g.episodes:.1f} / {g.views:.1f}" for g in (p.difficulties[i] for p in players)]
+        for i, group in enumerate(reference.difficulties)
+    ]
+    columns += [
+        [_short(name, room - 1), *(_figure(one.figures[name]) for one in players)]
+        for name in reference.figures
+    ]
+    while columns:
+        sizes = accumulate(max(map(len, column)) + 1 for column in columns)
+        fitting = max(1, sum(size <= room for size in sizes))
+        heads, *lines = zip([title, *names], *columns[:fitting], strict=True)
+        yield Text("")
+        yield _table(heads, [(line, "" if i else "bold") for i, line in enumerate(lines)])
+        columns, title = columns[fitting:], "Player"
+
+
+def _figure(interval: Interval | None) -> str:
+    """Two decimals, or four if they would show little of it; a dash if it is not known."""
+    return "-" if interval is None else _cell(interval, 2 if max(map(abs, interval)) >= 0.1 else 4, "")
 
 
 def text(comparison: Comparison, width: int = WIDTH) -> str:
-    """The same without colours or control codes."""
+    """Returns the same without colours or control codes."""
     from rich.console import Console
 
     out = io.StringIO()
@@ -72,7 +92,7 @@ def text(comparison: Comparison, width: int = WIDTH) -> str:
 
 
 def notes(comparison: Comparison) -> Iterator[str]:
-    """What was played and what the figures mean, a sentence each."""
+    """Yields sentences on what was played and what the figures mean."""
     reference = comparison.reference
     starts = "every start" if comparison.per_object is None else f"{comparison.per_object} random starts"
     yield f"{reference.episodes} episodes: {comparison.objects} {comparison.split} objects, {starts} of each."
@@ -85,8 +105,9 @@ def notes(comparison: Comparison) -> Iterator[str]:
     )
     if reference.difficulties:
         yield "By difficulty of the first view: number of episodes; accuracy, % / views seen."
-    if reference.spl is not None:
-        yield "SPL: a right answer counts the oracle's views over those seen, at most 1; a wrong one 0."
+    for name in reference.figures:
+        if about := inspect.getdoc(registry.figures.get(name)):
+            yield f"{name}: {about.splitlines()[0]}"
     if comparison.gain_closed is not None:
         mean, low, high = (100 * x for x in comparison.gain_closed)
         yield (
@@ -96,7 +117,7 @@ def notes(comparison: Comparison) -> Iterator[str]:
 
 
 def _lines(comparison: Comparison) -> Iterator[tuple[str, tuple[str, str, str], str]]:
-    """Name, figures and style of every line."""
+    """Yields the name, cells and style of every line."""
     paired = {one.name: one for one in comparison.paired}
     for one in comparison.players:
         yield one.name, _cells(one), "" if one.name in paired else "bold"
@@ -111,7 +132,7 @@ def _cells(one: Standing | Difference) -> tuple[str, str, str]:
 
 
 def _cell(interval: Interval, digits: int, sign: str) -> str:
-    """For example `95.2 [93.1, 97.0]`; a value that rounds to nothing has no sign."""
+    """Returns for example `95.2 [93.1, 97.0]`; a value that rounds to 0 has no sign."""
     parts = [f"{x:{sign}.{digits}f}" for x in interval]
     zero = f"{0:.{digits}f}"
     mean, low, high = (zero if part.lstrip("+-") == zero else part for part in parts)
@@ -119,7 +140,7 @@ def _cell(interval: Interval, digits: int, sign: str) -> str:
 
 
 def _short(name: str, room: int) -> str:
-    """The end of a name tells a run from others made the same day."""
+    """Shortens a name to its end, which tells a run from others of the same day."""
     if name.startswith(VERSUS):
         return VERSUS + _short(name.removeprefix(VERSUS), room - len(VERSUS))
     return name if len(name) <= room else "…" + name[len(name) - max(room, 2) + 1 :]

@@ -1,10 +1,11 @@
-"""A network on disk: safetensors for the weights, JSON for what they mean; nothing is ever unpickled."""
+"""Networks on disk: safetensors for the weights, JSON for shape and action names; nothing is unpickled."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError
@@ -14,6 +15,7 @@ from torch import Tensor
 from activelsd.envs.actions import ActionTree
 from activelsd.errors import RunError
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.registry import UnknownPartError
 
 WEIGHTS, MEANING = "network.safetensors", "network.json"
 
@@ -29,31 +31,44 @@ def load_network(folder: Path, device: str | torch.device = "cpu") -> LSDNet:
     """Read a network back.
 
     Raises:
-        RunError: the files are missing, truncated, or of another program.
+        RunError: the files are missing, truncated or foreign, or no installed package has a part they name.
     """
     try:
         meaning = json.loads((folder / MEANING).read_text())
-        network = LSDNet(ActionTree(meaning["actions"]), NetworkShape(**meaning["shape"]))
+        network = LSDNet(ActionTree(meaning["actions"]), _shape(meaning["shape"]))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise RunError(
             f"{folder / MEANING} is not a network's description ({error}); use another run."
+        ) from None
+    except UnknownPartError as error:
+        raise RunError(
+            f"{folder / MEANING} names the {error.kind} '{error.name}', which is not installed; "
+            "install the package that brings it."
         ) from None
     tensors = load_tensors(folder / WEIGHTS)
     try:
         network.load_state_dict(tensors)
     except RuntimeError as error:
         reason = str(error).splitlines()[-1].strip()
-        raise RunError(f"{folder / WEIGHTS} does not fit {MEANING} beside it: {reason}") from None
+        raise RunError(f"{folder / WEIGHTS} does not fit the {MEANING} beside it: {reason}") from None
     return network.to(device)
 
 
+def _shape(values: dict[str, Any]) -> NetworkShape:
+    """A network's shape from JSON; older files hold `features`, a setting of the compact trunk only."""
+    features = values.pop("features", None)
+    if features is not None and values["trunk"] == "compact":
+        values["trunk_settings"] = {"features": features}
+    return NetworkShape(**values)
+
+
 def save_tensors(tensors: dict[str, Tensor], path: Path) -> None:
-    """Write named tensors; memory layouts are not kept, values and types are."""
+    """Write named tensors; values and types are kept, memory layouts are not."""
     save_file({name: value.detach().cpu().contiguous() for name, value in tensors.items()}, path)
 
 
 def load_tensors(path: Path) -> dict[str, Tensor]:
-    """Read named tensors. Raises RunError where the file is missing or truncated."""
+    """Read named tensors. Raises RunError if the file is missing or truncated."""
     try:
         return load_file(path)
     except (OSError, SafetensorError) as error:

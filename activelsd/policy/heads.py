@@ -8,11 +8,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from activelsd.envs.actions import CLASSIFY, NAVIGATE, ActionTree
+from activelsd.envs.actions import CLASSIFY, ActionTree
 
 
 class Epsilon(NamedTuple):
-    """Probability of a uniformly random choice at each level of the tree: numbers, or tensors () of them."""
+    """Probability of a uniformly random choice at each level of the tree, as floats or scalar tensors."""
 
     branch: float | Tensor = 0.0
     leaf: float | Tensor = 0.0
@@ -37,15 +37,14 @@ class ActionDistribution:
     def log_prob(self, actions: Tensor) -> Tensor:
         """(...) log-probability of int64 actions (...)."""
         likely = self.probs.gather(-1, actions[..., None]).squeeze(-1)
-        # What another policy drew may be out of this one's reach; from there nothing is learned.
+        # An action that another policy drew may have probability 0 here; the clamp stops its gradient.
         return likely.clamp(min=torch.finfo(likely.dtype).tiny).log()
 
     def sample(self, generator: torch.Generator | None = None) -> Tensor:
         """(...) int64 actions drawn from the distribution.
 
-        The first of exponential clocks to ring, each at the rate of its action: what `torch.multinomial`
-        does, without its checks, which wait for the device and end a run on a NaN before its loss can be
-        reported.
+        Divides each probability by an exponential draw and takes the largest. `torch.multinomial` does the
+        same, but its checks wait for the device and end a run on a NaN before its loss can be reported.
         """
         probs = self.probs.detach()
         return (probs / torch.empty_like(probs).exponential_(generator=generator)).argmax(-1)
@@ -68,7 +67,7 @@ class ActionDistribution:
 
 
 def _mix(log_p: Tensor, legal: Tensor, epsilon: float | Tensor) -> Tensor:
-    """(1 - epsilon) p + epsilon u, with u uniform over what is legal."""
+    """(1 - epsilon) p + epsilon u, with u uniform over the legal actions."""
     if not isinstance(epsilon, Tensor) and epsilon == 0.0:
         return log_p.exp()
     uniform = legal / legal.sum(-1, keepdim=True, dtype=log_p.dtype).clamp(min=1)
@@ -76,7 +75,7 @@ def _mix(log_p: Tensor, legal: Tensor, epsilon: float | Tensor) -> Tensor:
 
 
 def _log_softmax(logits: Tensor, illegal: Tensor) -> Tensor:
-    """log-softmax over what is legal; where nothing is, -inf everywhere and no NaN in the gradient."""
+    """log-softmax over the legal entries; -inf everywhere, without NaN gradients, if none is legal."""
     log_p = logits.masked_fill(illegal, torch.finfo(logits.dtype).min).log_softmax(-1)
     return log_p.masked_fill(illegal, -torch.inf)
 
@@ -108,7 +107,8 @@ class TreeCategorical(ActionDistribution):
         sizes = list(tree.sizes)
         legal, illegal, logits = (torch.split(x, sizes, -1) for x in (mask, ~mask, leaf_logits))
         closed = torch.stack([x.all(-1) for x in illegal], -1)
-        self._tree = tree
+        self._answers = tree.branches.index(CLASSIFY)
+        self._branch_logits, self._closed = branch_logits, closed
         self._branch = _log_softmax(branch_logits, closed)
         self._leaves = [_log_softmax(x, no) for x, no in zip(logits, illegal, strict=True)]
         acting = torch.split(_mix(self._branch, ~closed, epsilon.branch), 1, -1)
@@ -126,15 +126,20 @@ class TreeCategorical(ActionDistribution):
 
     def class_log_probs(self) -> Tensor:
         """(..., m)."""
-        return self._leaves[self._tree.branches.index(CLASSIFY)]
+        return self._leaves[self._answers]
 
     def move_log_probs(self) -> Tensor:
-        """(..., n - m)."""
-        return self._leaves[self._tree.branches.index(NAVIGATE)]
+        """(..., n - m): log pi(branch given a move) + log pi(leaf given branch)."""
+        closed = self._closed.clone()
+        closed[..., self._answers] = True
+        branches = torch.split(_log_softmax(self._branch_logits, closed), 1, -1)
+        pairs = list(zip(branches, self._leaves, strict=True))
+        del pairs[self._answers]
+        return torch.cat([branch + leaf for branch, leaf in pairs], -1)
 
 
 class FlatCategorical(ActionDistribution):
-    """One softmax over all actions, which the paper compares its tree with; epsilon is the leaf level's."""
+    """One softmax over all actions, the paper's alternative to the tree; it uses the leaf's epsilon."""
 
     def __init__(self, tree: ActionTree, logits: Tensor, mask: Tensor, epsilon: Epsilon = Epsilon()) -> None:
         """As `TreeCategorical`, with logits (..., n)."""
@@ -143,7 +148,7 @@ class FlatCategorical(ActionDistribution):
         self.probs = _mix(self._log_p, mask, epsilon.leaf)
 
     def entropy(self) -> Entropy:
-        """All of it at the leaf level: there is no other."""
+        """The entropy is all at the leaf level; that of the branch is 0."""
         leaf = _entropy(self._log_p)
         return Entropy(torch.zeros_like(leaf), leaf)
 
@@ -154,12 +159,11 @@ class FlatCategorical(ActionDistribution):
 
     def class_log_probs(self) -> Tensor:
         """(..., m), renormalised over the classes."""
-        return self._among(CLASSIFY)
+        return self._among(self._tree.span(CLASSIFY))
 
     def move_log_probs(self) -> Tensor:
         """(..., n - m), renormalised over the moves."""
-        return self._among(NAVIGATE)
+        return self._among(self._tree.moves)
 
-    def _among(self, branch: str) -> Tensor:
-        span = self._tree.span(branch)
+    def _among(self, span: slice) -> Tensor:
         return _log_softmax(self._logits[..., span], self._illegal[..., span])

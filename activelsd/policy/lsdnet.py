@@ -2,64 +2,75 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from activelsd import registry
 from activelsd.envs.actions import CLASSIFY, ActionTree
 from activelsd.errors import ConfigError
 from activelsd.policy.heads import ActionDistribution, Epsilon, FlatCategorical, TreeCategorical
-from activelsd.policy.memories import make_memory
-from activelsd.policy.trunks import Compact, as_input, make_trunk
+from activelsd.policy.memories import State
+from activelsd.policy.trunks import Compact, as_input
 
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkShape:
-    """What fixes an LSD-Net's parameters, beside its action tree.
+    """What fixes an LSD-Net's parameters, beside its action tree; plain values that JSON holds.
 
     Attributes:
-        trunk: `compact` or `alexnet`.
-        memory: `stack`, `lstm` or `pool`.
+        trunk: name of the trunk.
+        trunk_settings: the trunk's keyword arguments.
+        memory: name of the memory.
+        memory_settings: the memory's keyword arguments.
         head: `tree` or `flat`.
         size: side of the frames in pixels.
         frames: K, how many frames are stacked as channels.
-        crops: whether it looks at crops of the target, and at frames for what is around it.
-        features: width of the compact trunk's output.
+        crops: whether the trunk sees crops of the target, and `Surroundings` the whole frames.
     """
 
     trunk: str = "compact"
+    trunk_settings: Mapping[str, Any] = field(default_factory=dict)
     memory: str = "pool"
+    memory_settings: Mapping[str, Any] = field(default_factory=dict)
     head: str = "tree"
     size: int = 64
     frames: int = 1
     crops: bool = False
-    features: int = 256
 
 
 class Output(NamedTuple):
-    """What the network says of L x B observations, float32."""
+    """The network's output for L x B observations, float32."""
 
     logits: Tensor  # (L, B, branches + n) for a tree, (L, B, n) flat
     value: Tensor  # (L, B)
-    state: Tensor  # (B, width) memory after the last step
+    features: Tensor  # (L, B, network.trunk.features) of the trunk
+    state: State  # of the memory after the last step, each (B, ...)
+    policy: ActionDistribution | None = None  # with mask and epsilon; set by the learner, for loss terms
+
+
+def joined(outputs: Sequence[Output]) -> Output:
+    """The output for all steps, from those for consecutive ones."""
+    logits, value, features = (torch.cat(parts) for parts in list(zip(*outputs, strict=True))[:3])
+    return Output(logits, value, features, outputs[-1].state)
 
 
 class Surroundings(nn.Module):
-    """What whole frames say for moving: where the target is in them, and what stands in the way.
+    """Looks at whole frames in order to move: where the target is, and what stands in the way.
 
-    Classes are none of its business: a network that may name a target by the room around it learns the rooms
-    it is trained in by heart, and is lost in others. Its outputs begin at zero and are added to the head's.
+    It adds nothing to the logits of classes: a network that may name a target by the room around it learns
+    its training rooms by heart, and fails in others. Its outputs begin at zero and are added to the head's.
     """
 
     SIZE, FEATURES = 32, 64
-    """Pixels to which frames are averaged, and width of what they are summed up in."""
+    """Side in pixels to which frames are averaged, and width of their features."""
 
     def __init__(self, frames: int, outputs: int) -> None:
-        """For K stacked frames, and as many outputs as there are logits and values to add to."""
+        """Build for K stacked frames, and for as many outputs as there are logits and values to add to."""
         super().__init__()
         self.trunk = Compact(frames, self.SIZE, self.FEATURES)
         self.join = nn.Sequential(nn.Linear(self.FEATURES + 5 * frames, self.FEATURES), nn.ReLU())
@@ -75,28 +86,32 @@ class Surroundings(nn.Module):
 
 
 class LSDNet(nn.Module):
-    """Look at a stack of views, and answer or move.
+    """Looks at a stack of views, and answers or moves.
 
-    Where targets are cut out of frames, trunk and memory see the crops, and `Surroundings` the frames.
+    If the world gives crops of targets, trunk and memory see the crops, and `Surroundings` the frames.
     """
 
     def __init__(self, tree: ActionTree, shape: NetworkShape) -> None:
         """Build with fresh weights, from torch's global generator.
 
         Raises:
-            ConfigError: a part's name is unknown, or the frames do not fit the trunk.
+            ConfigError: a part's name is unknown, or the trunk cannot take frames of this size.
         """
         super().__init__()
         if shape.head not in ("tree", "flat"):
             raise ConfigError(f"There is no head '{shape.head}'; choose tree or flat.")
         self.tree, self.shape = tree, shape
-        self.trunk = make_trunk(shape.trunk, shape.frames, shape.size, shape.features)
-        self.memory = make_memory(shape.memory, self.trunk.features)
-        inputs = self.memory.outputs + 5 * shape.frames
+        trunk, memory = registry.trunks.get(shape.trunk), registry.memories.get(shape.memory)
+        with registry.trunks.blaming(shape.trunk, "cannot be made"):
+            self.trunk = trunk(shape.frames, shape.size, **shape.trunk_settings)
+            width = int(self.trunk.features)
+        with registry.memories.blaming(shape.memory, "cannot be made"):
+            self.memory = memory(width, **shape.memory_settings)
+            inputs = self.memory.outputs + 5 * shape.frames
         branches = len(tree.branches) if shape.head == "tree" else 0
         self.policy = nn.Linear(inputs, branches + tree.n)
         self.value = nn.Linear(inputs, 1)
-        # Small first logits: every branch and leaf begins near uniform, as the paper wants of the tree.
+        # With small logits every branch and leaf begins near uniform, as the paper asks for.
         with torch.no_grad():
             self.policy.weight.mul_(0.1)
             self.policy.bias.zero_()
@@ -104,31 +119,66 @@ class LSDNet(nn.Module):
         self.surroundings = Surroundings(shape.frames, steering + 1) if shape.crops else None
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def initial_state(self, batch: int) -> Tensor:
-        """(batch, width) the memory before any view."""
-        return torch.zeros(batch, self.memory.width, device=self.value.weight.device)
+    @property
+    def device(self) -> torch.device:
+        """The device of the weights."""
+        return self.value.weight.device
 
-    def forward(self, observation: Mapping[str, Tensor], state: Tensor, first: Tensor) -> Output:
+    @torch.no_grad()
+    def check_parts(self) -> None:
+        """Run trunk and memory on two blank views, to check what those of other packages return.
+
+        Raises:
+            BrokenPartError: one fails, or returns something of another shape than it must.
+        """
+        shape, trunks, memories = self.shape, registry.trunks, registry.memories
+        views = torch.zeros(2, shape.frames, shape.size, shape.size, dtype=torch.uint8, device=self.device)
+        self.eval()
+        with trunks.blaming(shape.trunk, "fails on a blank view"):
+            features = self.trunk(views)
+            if features.shape != (2, self.trunk.features):
+                wanted = f"must return (N, {self.trunk.features}), its `features`"
+                raise trunks.broken(
+                    shape.trunk, f"returns {tuple(features.shape)} for N = 2 views and {wanted}"
+                )
+        with memories.blaming(shape.memory, "fails on a blank view"):
+            before = self.initial_state(2)
+            outputs, after = self.memory(features[None], before, views.new_ones(1, 2, dtype=torch.bool))
+            shapes = [{name: tuple(x.shape) for name, x in state.items()} for state in (before, after)]
+            if outputs.shape != (1, 2, self.memory.outputs) or shapes[0] != shapes[1]:
+                found = f"returns {tuple(outputs.shape)} and the state {shapes[1]}"
+                wanted = (
+                    f"must return {(1, 2, self.memory.outputs)} and {shapes[0]}, its `outputs` and `shapes`"
+                )
+                raise memories.broken(shape.memory, f"{found} and {wanted}")
+        self.train()
+
+    def initial_state(self, batch: int) -> State:
+        """The memory's state before any view."""
+        state: State = self.memory.initial(batch, self.device)
+        return state
+
+    def forward(self, observation: Mapping[str, Tensor], state: State, first: Tensor) -> Output:
         """Run over L steps of B episodes.
 
         Args:
-            observation: `frames` uint8 (L, B, K, S, S), `target` (L, B, K, 5), `crops` like frames; where
-                a world cuts none, its frames stand for them, since the target fills them. While learning
-                also `dropout` float (L, B, width), factors of what the memory gives.
-            state: (B, width) memory before the first step.
-            first: (L, B) bool, where an episode begins.
+            observation: `frames` uint8 (L, B, K, S, S), `target` (L, B, K, 5), `crops` like frames; if a
+                world has none, its frames take their place, since the target fills them. In training
+                also `dropout` float (L, B, memory.outputs), factors for the memory's outputs.
+            state: of the memory before the first step.
+            first: (L, B) bool, true where an episode begins.
         """
         frames, target = observation["frames"], observation["target"].flatten(2)
         pictures = observation.get("crops", frames) if self.shape.crops else frames
         features = self.trunk(pictures.flatten(0, 1)).unflatten(0, first.shape)
-        remembered, state = self.memory(features, state, first)
+        remembered, after = self.memory(features, state, first)
         if "dropout" in observation:
             remembered = remembered * observation["dropout"]
         joined = torch.cat([remembered, target], -1)
         logits, value = self.policy(joined), self.value(joined).squeeze(-1)
         if self.surroundings is not None:
             around = self.surroundings(frames.flatten(0, 1), target.flatten(0, 1)).unflatten(0, first.shape)
-            # All logits but the classes', which stand together.
+            # Added to all logits except those of the classes, which are one slice.
             span, branches = self.tree.span(CLASSIFY), logits.shape[-1] - self.tree.n
             start, stop = branches + span.start, branches + span.stop
             ahead, behind = around[..., :start], around[..., start:-1]
@@ -136,11 +186,12 @@ class LSDNet(nn.Module):
                 [logits[..., :start] + ahead, logits[..., start:stop], logits[..., stop:] + behind], -1
             )
             value = value + around[..., -1]
-        # What is made of them is of full precision, whatever the pass was of.
-        return Output(logits.float(), value.float(), state.float())
+        # Under autocast the pass is in bfloat16; losses are computed, and states kept, in full precision.
+        after = {name: x.to(state[name].dtype) for name, x in after.items()}
+        return Output(logits.float(), value.float(), features.float(), after)
 
     def distribution(self, logits: Tensor, mask: Tensor, epsilon: Epsilon = Epsilon()) -> ActionDistribution:
-        """The policy over actions that logits (..., *) stand for, with mask bool (..., n)."""
+        """The policy for logits (..., *), with mask bool (..., n)."""
         if self.shape.head == "flat":
             return FlatCategorical(self.tree, logits, mask, epsilon)
         branches = len(self.tree.branches)

@@ -1,43 +1,44 @@
-"""Weights carried from a network to one for other actions, by the actions' names."""
+"""Carries weights from a network to one with other actions, by the actions' names."""
 
 from __future__ import annotations
 
 import copy
-from dataclasses import fields
-from typing import NamedTuple
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any, NamedTuple
 
 from torch import Tensor, nn
 
 from activelsd.envs.actions import CLASSIFY, ActionTree
 from activelsd.errors import RunError
-from activelsd.policy.lsdnet import LSDNet
+from activelsd.policy.lsdnet import LSDNet, NetworkShape
 
 
 class Transfer(NamedTuple):
-    """What of a new network comes from an old one; head rows are `branch` or `branch/leaf`."""
+    """Which rows of the head a new network takes from an old one, named `branch` or `branch/leaf`."""
 
-    kept: tuple[str, ...]  # rows that both know
-    fresh: tuple[str, ...]  # rows that only the new network knows
-    dropped: tuple[str, ...]  # rows that only the old network knows
-    around: str  # what became of the part that sees frames around crops
+    kept: tuple[str, ...]  # rows that both have
+    fresh: tuple[str, ...]  # rows that only the new network has
+    dropped: tuple[str, ...]  # rows that only the old network has
+    around: str  # whether `Surroundings` was kept, fresh, dropped or none
 
 
 def transfer(source: LSDNet, fresh: LSDNet) -> tuple[dict[str, Tensor], Transfer]:
-    """The state of `fresh` with all that `source` knows of it; neither network is changed.
+    """The state of `fresh` with the weights that `source` has for it; neither network is changed.
 
-    Trunk, memory and value are kept whole, and of the head every row whose name both know. The picture of a
-    lone object is a crop that fills its frame, so the trunk that learned such frames looks at crops next;
-    what then sees the frames around them begins at zero, and the network as what it was.
+    Trunk, memory and value are taken whole, and every row of the head whose name both networks have. A
+    trunk that learned from frames filled by their target goes on with crops; `Surroundings`, which then
+    sees the frames, begins at zero, so the network begins with the outputs it had.
 
     Raises:
         RunError: the networks differ in more than their actions and in whether they see crops.
     """
-    for field in fields(source.shape):
-        theirs, ours = getattr(source.shape, field.name), getattr(fresh.shape, field.name)
-        if theirs != ours and field.name != "crops":
-            key = "env.size" if field.name == "size" else f"policy.{field.name}"
+    old_settings, new_settings = dict(_settings(source.shape)), dict(_settings(fresh.shape))
+    for key in [*new_settings, *(old_settings.keys() - new_settings.keys())]:
+        theirs, ours = old_settings.get(key), new_settings.get(key)
+        if theirs != ours:
             raise RunError(
-                f"A network of {key}={theirs} cannot start one of {key}={ours}; set {key}={theirs}, "
+                f"A network with {key}={theirs} cannot start one with {key}={ours}; set {key}={theirs}, "
                 "or leave policy.init out."
             )
     learned, state = source.state_dict(), {name: x.clone() for name, x in fresh.state_dict().items()}
@@ -50,21 +51,21 @@ def transfer(source: LSDNet, fresh: LSDNet) -> tuple[dict[str, Tensor], Transfer
             for row in new[layer].keys() & old[layer].keys():
                 state[name][new[layer][row]] = learned[name][old[layer][row]]
     theirs, ours = head_rows(source), head_rows(fresh)
-    said = {(True, True): "kept", (False, True): "fresh", (True, False): "dropped", (False, False): "none"}
+    around = {(True, True): "kept", (False, True): "fresh", (True, False): "dropped", (False, False): "none"}
     rows = Transfer(
         kept=tuple(row for row in ours if row in theirs),
         fresh=tuple(row for row in ours if row not in theirs),
         dropped=tuple(row for row in theirs if row not in ours),
-        around=said[source.shape.crops, fresh.shape.crops],
+        around=around[source.shape.crops, fresh.shape.crops],
     )
     return state, rows
 
 
 def narrow(network: LSDNet, tree: ActionTree) -> LSDNet:
-    """A copy of a network for some of its actions: what it is where no others are legal.
+    """A copy of a network with some of its actions, equal to the network with all others illegal.
 
     Raises:
-        RunError: the tree has an action that the network does not know.
+        RunError: the tree has an action that the network does not have.
     """
     if network.tree == tree:
         return network
@@ -73,7 +74,7 @@ def narrow(network: LSDNet, tree: ActionTree) -> LSDNet:
     missing = [row for row in wanted if row not in old]
     if missing:
         raise RunError(
-            f"The network was not trained for {missing[0]}; give it the worlds that it was trained in."
+            f"The network was not trained for {missing[0]}; name the worlds that it was trained in."
         )
     few = copy.deepcopy(network)
     few.tree = tree
@@ -90,15 +91,25 @@ def narrow(network: LSDNet, tree: ActionTree) -> LSDNet:
 
 
 def head_rows(network: LSDNet, tree: ActionTree | None = None) -> dict[str, int]:
-    """Number of every row of a network's head by name: `branch` where it has branches, then `branch/leaf`."""
+    """Index of every row of a network's head by name: `branch` for a tree, then `branch/leaf`."""
     tree = tree or network.tree
     branches = tree.branches if network.shape.head == "tree" else ()
     names = [*branches, *("/".join(pair) for pair in tree.names)]
     return {name: row for row, name in enumerate(names)}
 
 
+def _settings(shape: NetworkShape) -> Iterator[tuple[str, Any]]:
+    """What must be equal in two networks, by the key of the setting; the part's name before its settings."""
+    for name, value in asdict(shape).items():
+        if name.endswith("_settings"):
+            part = name.removesuffix("_settings")
+            yield from ((f"policy.{part}.{key}", one) for key, one in value.items())
+        elif name != "crops":
+            yield "env.size" if name == "size" else f"policy.{name}", value
+
+
 def _layers(network: LSDNet, tree: ActionTree | None = None) -> dict[str, dict[str, int]]:
-    """The layers whose rows stand for actions, with the number of each row by name."""
+    """The layers whose rows stand for actions, with the index of each row by name."""
     rows = head_rows(network, tree)
     layers = {"policy": rows}
     if network.surroundings is not None:

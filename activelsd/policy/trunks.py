@@ -1,4 +1,8 @@
-"""Convolutional trunks: a stack of gray frames in, one feature vector out."""
+"""Convolutional trunks: a stack of frames in, one feature vector out.
+
+A trunk is a module made from the number of channels, the frames' side in pixels, and settings as keywords. It
+has an attribute `features`, the width of its output, and takes uint8 (N, C, S, S).
+"""
 
 from __future__ import annotations
 
@@ -22,13 +26,13 @@ class AlexNet(nn.Module):
 
     def __init__(self, channels: int, size: int) -> None:
         super().__init__()
-        # The pools do not pad: 63 px is the least that leaves one pixel after the last.
+        # The pools do not pad: at 63 px one pixel is left after the last.
         side = _conv_size(size, 11, 4, 2)
         for _ in range(3):
             side = _conv_size(side, 3, 2, 0)
         if side < 1:
             raise ConfigError(
-                f"Trunk 'alexnet' needs frames of at least 63 px, not {size}; set env.size=224."
+                f"policy.trunk=alexnet needs env.size of at least 63 pixels, not {size}; set env.size=224."
             )
         norm = {"size": 5, "alpha": 1e-4, "beta": 0.75, "k": 2.0}
         self.convolutions = nn.Sequential(
@@ -59,7 +63,7 @@ class AlexNet(nn.Module):
 
 
 class Blocks(nn.Module):
-    """Squares of 4 x 4 pixels become channels: `nn.PixelUnshuffle(4)`, for bytes in a sixth of the time."""
+    """Turns blocks of 4 x 4 pixels into channels: `nn.PixelUnshuffle(4)`, on bytes in a sixth of the time."""
 
     SIDE = 4
 
@@ -69,7 +73,7 @@ class Blocks(nn.Module):
         rows, columns = height // self.SIDE, width // self.SIDE
         pixels = frames.dtype
         if pixels == torch.uint8 and not torch.compiler.is_compiling():
-            # The four bytes of a block's row move as one word; a compiler needs no such help, nor takes it.
+            # The four bytes of a block's row are moved as one word; a compiler does not need this.
             frames = frames.contiguous().view(torch.int32)
         squares = frames.reshape(n, channels, rows, self.SIDE, columns, -1).permute(0, 2, 4, 1, 3, 5)
         blocks = squares.contiguous().view(pixels).reshape(n, rows, columns, -1).permute(0, 3, 1, 2)
@@ -77,11 +81,11 @@ class Blocks(nn.Module):
 
 
 class Compact(nn.Module):
-    """A small trunk for 32 to 128 px that learns on a laptop: three convolutions and one dense layer.
+    """A small trunk for 32 to 128 px that trains on a laptop: three convolutions and one dense layer.
 
-    Blocks of 4 x 4 pixels become 16 channels first, which makes the first layer a 12 x 12 convolution of
-    stride 4 in a form that a CPU does fast: the whole trunk learns about three times the frames a second
-    that one with strided convolutions on the pixels does, and as well.
+    Blocks of 4 x 4 pixels first become 16 channels. The first layer is then a 12 x 12 convolution of stride 4
+    in a form that is fast on a CPU: the trunk learns from about three times as many frames per second as one
+    with strided convolutions on the pixels, and as well.
     """
 
     def __init__(self, channels: int, size: int, features: int = 256) -> None:
@@ -90,7 +94,7 @@ class Compact(nn.Module):
         if size % block or size < 4 * block:
             near = max(4, round(size / block)) * block
             raise ConfigError(
-                f"Trunk 'compact' needs a frame size that 4 divides, not {size}; set env.size={near}."
+                f"policy.trunk=compact needs env.size to be a multiple of 4, not {size}; set env.size={near}."
             )
         self.features = features
         side = size // block
@@ -113,15 +117,6 @@ class Compact(nn.Module):
         return features
 
 
-def make_trunk(name: str, channels: int, size: int, features: int) -> AlexNet | Compact:
-    """A trunk by name; `features` is the compact trunk's width (AlexNet's is the paper's 4096)."""
-    if name == "alexnet":
-        return AlexNet(channels, size)
-    if name == "compact":
-        return Compact(channels, size, features)
-    raise ConfigError(f"There is no trunk '{name}'; choose compact or alexnet.")
-
-
 def as_input(frames: Tensor) -> Tensor:
-    """uint8 (N, C, S, S) to float in [0, 1], laid out channels last, which convolutions on a CPU prefer."""
+    """uint8 (N, C, S, S) to float in [0, 1], channels last, in which convolutions on a CPU are fastest."""
     return frames.to(torch.float32).mul_(1.0 / 255.0).contiguous(memory_format=torch.channels_last)

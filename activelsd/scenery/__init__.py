@@ -1,1 +1,1 @@
-"""What worlds are made of: meshes, embedded shapes, furnished rooms, and the ray caster that renders them."""
+"""The objects and rooms that worlds show: meshes, embedded shapes, furnished rooms, and their ray caster."""

@@ -1,4 +1,4 @@
-"""The triangle mesh: what readers and embedded shapes make and the renderer takes."""
+"""The triangle mesh, made by readers and embedded shapes and rendered by the renderer."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 
 class Mesh(NamedTuple):
-    """Triangles in space, z up, in any unit and about any origin.
+    """Triangles in space, z up, in any unit and with any origin.
 
-    Faces may be wound either way, repeat, or have no area, and vertices may go unused: ModelNet's do.
+    As in ModelNet, faces may have either winding, be repeated or have no area, and vertices may be unused.
     """
 
     vertices: NDArray[np.float32]  # (N, 3) x, y, z

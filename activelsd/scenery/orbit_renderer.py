@@ -12,12 +12,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from activelsd.errors import DataError
 from activelsd.scenery.meshes import Mesh
+from activelsd.scenery.rays import dot, face_normals, scene_of
 
 DISTANCE = 3.0
 """From the camera to the centre of the unit sphere."""
@@ -56,9 +56,7 @@ def render_views(
         DataError: the mesh has no faces, no extent, or coordinates that are not finite.
     """
     corners = _normalised(mesh)
-    scene = EmbreeScene(robust=True)
-    TriangleMesh(scene, np.ascontiguousarray(corners, dtype=np.float32))
-    normals = _normals(corners)
+    scene, normals = scene_of(corners), face_normals(corners)
     points = corners.reshape(-1, 3)
     views = [
         _look(scene, corners[:, 0], normals, points, _camera(azimuth, elevation), size)
@@ -82,14 +80,6 @@ def _normalised(mesh: Mesh) -> NDArray[np.float64]:
         raise DataError("The mesh has no extent: all its vertices are one point; repair or leave it out.")
     normalised: NDArray[np.float64] = centred / radius
     return normalised
-
-
-def _normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit normals (M, 3); zero for a face without area."""
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.sqrt(np.square(across).sum(axis=1, keepdims=True))
-    normals: NDArray[np.float64] = np.divide(across, length, out=np.zeros_like(across), where=length > 0)
-    return normals
 
 
 def _camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
@@ -142,8 +132,8 @@ def _mean_of_blocks(fine: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def _window(points: NDArray[np.float64], camera: NDArray[np.float64], side: int) -> tuple[slice, slice]:
     """Rows and columns of the samples the mesh can cover; rays elsewhere would be cast for nothing."""
     right, up, back = camera
-    scale = side / 2 / FRAME_RADIUS / (DISTANCE - _dot(points, back))
-    x, y = _dot(points, right) * scale + side / 2, side / 2 - _dot(points, up) * scale
+    scale = side / 2 / FRAME_RADIUS / (DISTANCE - dot(points, back))
+    x, y = dot(points, right) * scale + side / 2, side / 2 - dot(points, up) * scale
 
     def span(values: NDArray[np.float64]) -> slice:
         return slice(max(0, math.floor(values.min()) - 1), min(side, math.ceil(values.max()) + 1))
@@ -155,14 +145,9 @@ def _shades(
     anchors: NDArray[np.float64], normals: NDArray[np.float64], camera: NDArray[np.float64]
 ) -> NDArray[np.uint8]:
     """Gray (M + 1,) of every face; the last entry is the background, so embree's -1 for a miss finds it."""
-    facing = np.where(_dot(normals, camera[2] * DISTANCE) >= _dot(normals, anchors), 1.0, -1.0)
+    facing = np.where(dot(normals, camera[2] * DISTANCE) >= dot(normals, anchors), 1.0, -1.0)
     gray = np.full(len(normals), AMBIENT)
     for direction, strength in LIGHTS:
         towards = direction[0] * camera[0] + direction[1] * camera[1] + direction[2] * camera[2]
-        gray += strength * np.maximum(facing * _dot(normals, towards), 0.0)
+        gray += strength * np.maximum(facing * dot(normals, towards), 0.0)
     return np.append(np.rint(gray), BACKGROUND).astype(np.uint8)
-
-
-def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Dot products along the last axis, written out: a BLAS may round differently by machine and threads."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]

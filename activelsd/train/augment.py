@@ -1,8 +1,8 @@
-"""Episodes varied at random while learning, so that what is learned is the target and not its place.
+"""Random augmentation of episodes, so that the network learns the target and not its place.
 
 A walk through few homes shows every instance in a few places only, and a network learns those by heart:
-what is around the target, and how the light falls there. An episode's variation stays what it is to its end.
-One drawn anew at every look would make a blocked move worth its price, as a second look at the same view.
+what is around the target, and how the light falls there. A variation is drawn per episode: if it were drawn
+per view, a blocked move would be worth its price, since it would show the same view in another variation.
 """
 
 from __future__ import annotations
@@ -13,37 +13,38 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from activelsd.envs.actions import NAVIGATE, ActionTree
+from activelsd.envs.actions import CLASSIFY, ActionTree
+from activelsd.errors import ConfigError
 
 ZOOM, SQUEEZE, SHIFT = 0.25, 0.1, 0.15
-"""Most change of a crop's extent, of one side against the other, and of its middle, as fractions."""
+"""Largest change of a crop's extent, of one side against the other, and of its centre, as fractions."""
 
 CONTRAST, BRIGHTNESS = 0.8, 0.25
-"""Most change of contrast as an exponent of e, and of brightness as a fraction of white."""
+"""Largest change of contrast as an exponent of e, and of brightness as a fraction of white."""
 
 _OPPOSITE = {"left": "right", "right": "left", "cw": "ccw", "ccw": "cw"}
 
 VARIATION_SIZE = 8
-"""Numbers that say how an episode varies: extent, squeeze (2), shift (2), contrast, brightness, mirror."""
+"""Width of a variation, drawn per episode: extent, squeeze (2), shift (2), contrast, brightness, mirror."""
 
 
 def in_mirror(move: str) -> str:
-    """What a move is called in a mirror: its name with left for right and cw for ccw, as in orbit_cw_60."""
+    """The opposite of a move in a mirror: left and right, cw and ccw exchanged, as in orbit_cw_60."""
     return "_".join(_OPPOSITE.get(word, word) for word in move.split("_"))
 
 
 def kept(features: tuple[int, ...], dropout: float, generator: torch.Generator) -> Tensor:
-    """Factors of features: 0 for a share of `dropout`, more than 1 for the rest (Srivastava et al. 2014)."""
+    """Dropout's factors: 0 for a share of `dropout`, 1 / (1 - dropout) for the rest (Srivastava 2014)."""
     drawn = torch.rand(features, generator=generator, device=generator.device)
     return (drawn >= dropout) / (1 - dropout)
 
 
 class Variation:
-    """How episodes differ from what their environments show.
+    """Augments what environments show: crops by margin and brightness, whole episodes by mirroring.
 
-    Crops of targets are cut and lit a little otherwise. Those of targets out of sight are zeros and stay so,
-    and what was not cut stays as it is too: a frame that stands for the crop of a target that fills it. Every
-    other episode is seen in a mirror, pictures, boxes and moves. Where nothing is to vary, nothing is drawn.
+    A crop that is zeros, since the target is out of sight, stays so, and so does a frame that takes the place
+    of a crop because the target fills it. Every other episode is mirrored: pictures, boxes and moves. If
+    nothing varies, nothing is drawn.
 
     Attributes:
         varies: whether anything does.
@@ -58,58 +59,73 @@ class Variation:
         crops: bool,
         mirror: bool,
     ) -> None:
-        """Prepare.
+        """Prepare the tables.
 
         Args:
             trees: each world's own actions.
-            whole: the actions of all, by whose numbers masks and actions are given.
-            device: where observations are.
-            crops: whether observations have crops, and these are to vary.
-            mirror: whether to mirror, where every world has the opposite of each of its moves.
+            whole: the actions of all worlds, by whose indices masks and actions are given.
+            device: of the observations.
+            crops: whether to vary crops, which observations then must have.
+            mirror: whether to mirror every other episode.
+
+        Raises:
+            ConfigError: episodes are to be mirrored, and a move has no opposite in its world.
         """
-        leaves = [{leaf for branch, leaf in tree.names if branch == NAVIGATE} for tree in trees]
-        self._mirrors = mirror and all(in_mirror(leaf) in own for own in leaves for leaf in own)
+        if mirror:
+            _check_opposites(trees)
         swapped = [
-            whole.index(branch, in_mirror(leaf)) if branch == NAVIGATE and self._mirrors else i
+            whole.index(branch, in_mirror(leaf)) if branch != CLASSIFY and mirror else i
             for i, (branch, leaf) in enumerate(whole.names)
         ]
         self._swapped = torch.tensor(swapped, device=device)
-        self._crops = crops
-        self.varies = crops or self._mirrors
+        self._crops, self._mirrors = crops, mirror
+        self.varies = crops or mirror
 
-    def ways(self, ways: Tensor, first: Tensor, generator: torch.Generator) -> Tensor:
-        """(B, VARIATION_SIZE) in [0, 1): drawn anew where `first` (B,) begins an episode, else kept."""
+    def draw(self, variations: Tensor, first: Tensor, generator: torch.Generator) -> Tensor:
+        """Variations (B, VARIATION_SIZE) in [0, 1): new ones where `first` (B,) begins an episode."""
         if not self.varies:
-            return ways
-        fresh = torch.rand(ways.shape, generator=generator, device=ways.device)
-        return torch.where(first[:, None], fresh, ways)
+            return variations
+        fresh = torch.rand(variations.shape, generator=generator, device=variations.device)
+        return torch.where(first[:, None], fresh, variations)
 
-    def look(self, observation: dict[str, Tensor], ways: Tensor) -> dict[str, Tensor]:
-        """The observation, uint8 (B, K, S, S) and boxes (B, K, 5), varied; nothing is written to."""
+    def look(self, observation: dict[str, Tensor], variations: Tensor) -> dict[str, Tensor]:
+        """The observation, uint8 (B, K, S, S) and boxes (B, K, 5), augmented; its input is unchanged."""
         if self._crops:
-            observation = observation | {"crops": _cut(observation, ways)}
-        return _mirrored(observation, ways) if self._mirrors else observation
+            observation = observation | {"crops": _cut(observation, variations)}
+        return _mirrored(observation, variations) if self._mirrors else observation
 
-    def actions(self, actions: Tensor, ways: Tensor) -> Tensor:
-        """(B,) int64 actions chosen in the mirror as what they are behind it, and the other way round."""
-        return torch.where(_in_mirror(ways), self._swapped[actions], actions) if self._mirrors else actions
+    def actions(self, actions: Tensor, variations: Tensor) -> Tensor:
+        """Swaps left and right in (B,) actions of mirrored episodes; applying it twice changes nothing."""
+        if not self._mirrors:
+            return actions
+        return torch.where(_is_mirrored(variations), self._swapped[actions], actions)
 
-    def mask(self, mask: Tensor, ways: Tensor) -> Tensor:
-        """(B, n) bool legal actions, as they are called in the mirror."""
+    def mask(self, mask: Tensor, variations: Tensor) -> Tensor:
+        """Swaps left and right in (B, n) masks over actions, such as the legal ones, of mirrored episodes."""
         if not self._mirrors:
             return mask
-        return torch.where(_in_mirror(ways)[:, None], mask[:, self._swapped], mask)
+        return torch.where(_is_mirrored(variations)[:, None], mask[:, self._swapped], mask)
 
 
-def _in_mirror(ways: Tensor) -> Tensor:
-    return ways[:, -1] < 0.5
+def _check_opposites(trees: Sequence[ActionTree]) -> None:
+    for tree in trees:
+        for branch, leaf in tree.names[tree.moves]:
+            if (branch, in_mirror(leaf)) not in tree.names:
+                raise ConfigError(
+                    f"train.mirror=true needs the opposite of every move, and a world with '{leaf}' has no"
+                    f" '{in_mirror(leaf)}'; set train.mirror=false, or add that move to the world's."
+                )
 
 
-def _cut(observation: dict[str, Tensor], ways: Tensor) -> Tensor:
-    """Crops cut and lit otherwise."""
+def _is_mirrored(variations: Tensor) -> Tensor:
+    return variations[:, -1] < 0.5
+
+
+def _cut(observation: dict[str, Tensor], variations: Tensor) -> Tensor:
+    """Crops with another margin and another light."""
     crops, target = observation["crops"], observation["target"]
     batch, stacked = crops.shape[:2]
-    between = 2 * ways[:, :-1] - 1
+    between = 2 * variations[:, :-1] - 1
     extent, squeeze, shift, contrast, brightness = torch.split(between, [1, 2, 2, 1, 1], 1)
     scale = (1 + ZOOM * extent) * (1 + SQUEEZE * squeeze)
     where = functional.affine_grid(
@@ -125,11 +141,11 @@ def _cut(observation: dict[str, Tensor], ways: Tensor) -> Tensor:
     return torch.where(was_cut, (lit.clamp(0, 1) * 255).round().to(torch.uint8), crops)
 
 
-def _mirrored(observation: dict[str, Tensor], ways: Tensor) -> dict[str, Tensor]:
-    """Pictures and boxes of the episodes in the mirror flipped."""
-    here = _in_mirror(ways)
-    # Whole rows are copied at once, where `torch.where` would choose byte by byte.
-    rows = torch.arange(len(ways), device=ways.device) + len(ways) * here
+def _mirrored(observation: dict[str, Tensor], variations: Tensor) -> dict[str, Tensor]:
+    """Pictures and boxes, flipped in the mirrored episodes."""
+    here = _is_mirrored(variations)
+    # Copies whole rows at once; `torch.where` would choose byte by byte.
+    rows = torch.arange(len(variations), device=variations.device) + len(variations) * here
     target = observation["target"].clone()
     flipped = torch.where(target[..., 4] > 0, 1 - target[..., 0], target[..., 0])
     target[..., 0] = torch.where(here[:, None], flipped, target[..., 0])

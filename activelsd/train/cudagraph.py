@@ -1,9 +1,9 @@
 """A trainer's update as one CUDA graph: some thousand small kernels are launched by a single call.
 
-A graph repeats kernels on the same addresses with the same numbers. So what one update hands to the next, the
-state of the episodes, is copied to a place that stays, and so is what changes from update to update, the
-annealed values. Weights and the optimiser's state are changed in place as it is, and the generator that is
-registered draws on from replay to replay.
+A graph repeats kernels on the same addresses with the same scalars. So the state of the episodes, which one
+update hands to the next, is copied to fixed tensors, and so are the annealed values, which change from update
+to update. Weights and the optimiser's state are changed in place anyway, and the registered generator
+continues from replay to replay.
 """
 
 from __future__ import annotations
@@ -18,14 +18,13 @@ from activelsd.train.settings import Annealed
 from activelsd.train.statistics import Counts
 
 WARM_UPS = 3
-"""Updates made kernel by kernel first: libraries choose theirs, and the optimiser makes its state."""
-
+"""Updates without a graph at first: libraries choose their kernels, and the optimiser creates its state."""
 
 Done = TypeVar("Done")
 
 
 def warm_up(work: Callable[[], Done]) -> Done:
-    """Do work that is to be captured later: on a stream of its own, as capturing wants it."""
+    """Do work that is to be captured later, on a side stream, as capturing requires."""
     stream, main = torch.cuda.Stream(), torch.cuda.current_stream()  # type: ignore[no-untyped-call]
     stream.wait_stream(main)
     with torch.cuda.stream(stream):
@@ -35,12 +34,12 @@ def warm_up(work: Callable[[], Done]) -> Done:
 
 
 class GraphedUpdate:
-    """Makes updates; after a few, by replaying what one of them did."""
+    """Makes updates; after a few, by replaying a captured one."""
 
     def __init__(
         self, update: Callable[[Annealed], Counts], actors: ResidentActors, device: torch.device
     ) -> None:
-        """Repeat an update by these actors, which never waits for the device."""
+        """Repeat an update, which must never wait for the device."""
         self._update, self._actors = update, actors
         self._now = torch.zeros(len(Annealed._fields), device=device)
         self._episodes = {name: value.clone() for name, value in actors.episodes().items()}
@@ -48,7 +47,7 @@ class GraphedUpdate:
         self._graph: torch.cuda.CUDAGraph | None = None
 
     def __call__(self, now: Annealed) -> Counts:
-        """An update; what it counted is written over by the next."""
+        """Make an update; the next one overwrites the counts that are returned."""
         self._now.copy_(torch.tensor(now), non_blocking=True)
         if self._warm_ups:
             self._warm_ups -= 1
@@ -67,10 +66,10 @@ class GraphedUpdate:
         self._graph = graph
 
     def in_place(self) -> Counts:
-        """An update of the episodes where they are."""
-        self._actors.go_on(self._episodes)
+        """An update that changes the episodes' tensors in place."""
+        self._actors.set_episodes(self._episodes)
         counts = self._update(Annealed(*self._now.unbind()))
         for name, value in self._actors.episodes().items():
             self._episodes[name].copy_(value)
-        self._actors.go_on(self._episodes)
+        self._actors.set_episodes(self._episodes)
         return counts

@@ -1,4 +1,4 @@
-"""Where metrics go: `metrics.jsonl` always, TensorBoard, a line on the screen, and others by entry point."""
+"""Writes metrics: always to `metrics.jsonl` and the screen, and to loggers by name, such as TensorBoard."""
 
 from __future__ import annotations
 
@@ -6,31 +6,29 @@ import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import IO, Protocol
 
-from activelsd.errors import ConfigError
+from activelsd import registry
 
-LOGGERS = "activelsd.loggers"
-"""Entry-point group of further loggers: callables that take the run's folder and give a `Logger`."""
+METRICS = "metrics.jsonl"
 
 
 class Logger(Protocol):
-    """Takes rows of metrics."""
+    """Writes rows of metrics; one found by name is called with the run's folder."""
 
     def write(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Take the metrics of a step."""
+        """Write the metrics of a step."""
 
     def close(self) -> None:
-        """Let go of files."""
+        """Close files."""
 
 
 class JsonLines:
-    """One JSON object a row, flushed at once, so that what was written survives a kill."""
+    """Writes one JSON object per row and flushes it at once, so that it survives a kill."""
 
     def __init__(self, path: Path, *, up_to: int) -> None:
-        """Open for appending; rows after step `up_to`, which a resumed run writes again, are dropped."""
+        """Open for appending; drops rows after step `up_to`, which a resumed run writes again."""
         kept = []
         if path.exists():
             lines = path.read_text().splitlines()
@@ -51,12 +49,16 @@ class JsonLines:
 
 
 class TensorBoard:
-    """Scalars for TensorBoard, in the run's folder `tensorboard`."""
+    """Writes scalars for TensorBoard into the folder `tensorboard` of the run."""
 
-    def __init__(self, folder: Path, *, up_to: int) -> None:
+    def __init__(self, folder: Path) -> None:
+        """Open for appending; hides what was logged after the last row of `metrics.jsonl`."""
         from torch.utils.tensorboard import SummaryWriter
 
-        self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=up_to + 1 if up_to else None)
+        file = folder / METRICS
+        rows = file.read_text().splitlines() if file.exists() else []
+        purge = json.loads(rows[-1])["step"] + 1 if rows else None
+        self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=purge)
 
     def write(self, step: int, metrics: Mapping[str, float]) -> None:
         """Add each metric as a scalar."""
@@ -69,7 +71,7 @@ class TensorBoard:
 
 
 class ProgressLine:
-    """One dense line: redrawn in place on a terminal, a line every ten seconds elsewhere."""
+    """One dense line: redrawn in place on a terminal, written every ten seconds elsewhere."""
 
     def __init__(self, total: int, stream: IO[str] | None = None) -> None:
         self._total, self._stream = total, stream or sys.stderr
@@ -77,14 +79,15 @@ class ProgressLine:
         self._shown = -10.0
 
     def write(self, step: int, metrics: Mapping[str, float]) -> None:
-        """Show how far training is and how it goes."""
+        """Show the share of the steps that is done, and the main metrics."""
         soon = not self._live and time.monotonic() - self._shown < 10.0 and step < self._total
         if "reward" not in metrics or soon:
             return
         self._shown = time.monotonic()
-        left = int((self._total - step) / max(metrics["steps_per_second"], 1e-9))
+        # The last update may end after the last step.
+        left = int(max(self._total - step, 0) / max(metrics["steps_per_second"], 1e-9))
         line = (
-            f"{step / self._total:4.0%} {step // 1000}k  reward {metrics['reward']:5.2f}  "
+            f"{min(step / self._total, 1):4.0%} {step // 1000}k  reward {metrics['reward']:5.2f}  "
             f"acc {metrics['accuracy']:4.0%}  views {metrics['views']:4.1f}  "
             f"nav {metrics['navigate']:.2f}  {metrics['steps_per_second']:.0f}/s  "
             f"left {left // 60}:{left % 60:02d}"
@@ -99,18 +102,15 @@ class ProgressLine:
 
 
 def open_loggers(names: Sequence[str], folder: Path, *, up_to: int, total: int) -> list[Logger]:
-    """The loggers of a run.
+    """The loggers of a run that goes on at step `up_to`, of `total` steps.
 
     Raises:
-        ConfigError: a name is neither `tensorboard` nor an installed entry point.
+        UnknownPartError: there is no logger of a name.
     """
-    loggers: list[Logger] = [JsonLines(folder / "metrics.jsonl", up_to=up_to), ProgressLine(total)]
-    for name in names:
-        if name == "tensorboard":
-            loggers.append(TensorBoard(folder, up_to=up_to))
-            continue
-        found = entry_points(group=LOGGERS, name=name)
-        if not found:
-            raise ConfigError(f"There is no logger '{name}'; use tensorboard or install one as '{LOGGERS}'.")
-        loggers.append(next(iter(found)).load()(folder))
-    return loggers
+    makers = [registry.loggers.get(name) for name in names]
+    # `metrics.jsonl` first: others read there at which step the run goes on.
+    own: list[Logger] = [JsonLines(folder / METRICS, up_to=up_to), ProgressLine(total)]
+    for name, make in zip(names, makers, strict=True):
+        with registry.loggers.blaming(name, "cannot be made"):
+            own.append(make(folder))
+    return own

@@ -1,9 +1,9 @@
-"""Several processes that learn one network, as `torchrun` starts them: each plays, all make the same step.
+"""Several processes that train one network, started by `torchrun`; all make the same optimiser steps.
 
     torchrun --nproc-per-node 2 -m activelsd train env=modelnet
 
-Every process has episodes of its own (`train.envs` each) and the same weights. Gradients are averaged before
-they are clipped, so an update is that of one process with all the episodes.
+Every process has its own episodes (`train.envs` each) and the same weights. Gradients are averaged before
+they are clipped, so an update equals that of one process with all the episodes.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import torch.distributed as dist
 from torch import Tensor, nn
 
 _PATIENCE = timedelta(hours=2)
-"""How long a process waits for another; the first of them may have views to prepare."""
+"""How long a process waits for another; the first may be preparing views."""
 
 
 _LONGEST = 4096
-"""Bytes of a text that is agreed on."""
+"""Largest size in bytes of a text for `Group.agreed`."""
 
 
 def started_together() -> bool:
@@ -32,15 +32,15 @@ def started_together() -> bool:
 
 
 def is_first() -> bool:
-    """Whether this process speaks for all."""
+    """Whether this is the first process, which writes and prints for all."""
     return os.environ.get("RANK", "0") == "0" or not started_together()
 
 
 def leave(code: int) -> NoReturn:
-    """End a process that `torchrun` started, all it has to say said.
+    """End a process that `torchrun` started, after flushing its output.
 
-    PyTorch's threads for talking to other processes now and then abort what ends in the usual way, and
-    torchrun takes that for a failure (seen with 2.13 and gloo).
+    At a usual exit, PyTorch's communication threads sometimes abort the process, which torchrun takes for a
+    failure (seen with 2.13 and gloo).
     """
     sys.stdout.flush()
     sys.stderr.flush()
@@ -48,20 +48,20 @@ def leave(code: int) -> NoReturn:
 
 
 class Group:
-    """The processes that learn together; alone, its operations do nothing.
+    """The processes that train together; for a single process its operations do nothing.
 
     Attributes:
-        rank: this process's number.
-        size: how many there are.
+        rank: this process's index.
+        size: number of processes.
     """
 
     def __init__(self, rank: int = 0, size: int = 1) -> None:
-        """A process by itself; `joined` finds those that `torchrun` started."""
+        """By default a single process; `joined` finds those that `torchrun` started."""
         self.rank, self.size = rank, size
 
     @classmethod
     def joined(cls, device: str) -> Group:
-        """The group that `torchrun` started this process in, or this process alone."""
+        """The group in which `torchrun` started this process, or this process alone."""
         if not started_together():
             return cls()
         backend = "cpu:gloo,cuda:nccl" if device.startswith("cuda") else "gloo"
@@ -69,18 +69,18 @@ class Group:
         return cls(dist.get_rank(), dist.get_world_size())
 
     def __enter__(self) -> Group:
-        """Work together."""
+        """The group itself."""
         return self
 
     def __exit__(self, failed: type[BaseException] | None, *_: object) -> None:
-        """Part, after all have come so far; where one has failed, at once."""
+        """Leave the group: waits for the others, unless an error is on its way."""
         if self.size > 1:
             if failed is None:
                 self.wait()
             dist.destroy_process_group()
 
     def average(self, parameters: Iterable[nn.Parameter]) -> None:
-        """Put the mean over processes in the place of every gradient."""
+        """Replace every gradient by its mean over the processes."""
         if self.size == 1:
             return
         gradients = [p.grad for p in parameters if p.grad is not None]
@@ -90,18 +90,18 @@ class Group:
         for gradient, mean in zip(gradients, torch.split(flat, [g.numel() for g in gradients]), strict=True):
             gradient.copy_(mean.view_as(gradient))
 
-    def any(self, wanted: bool) -> bool:
-        """Whether one of the processes wants something."""
+    def any(self, flag: bool) -> bool:
+        """Whether the flag is true in any of the processes."""
         if self.size == 1:
-            return wanted
-        asked = torch.tensor(float(wanted))
-        dist.all_reduce(asked)
-        return bool(asked > 0)
+            return flag
+        flags = torch.tensor(float(flag))
+        dist.all_reduce(flags)
+        return bool(flags > 0)
 
     def gathered(self, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-        """The tensors of all processes, below their numbers as `1/name`; alone, as they are.
+        """The tensors of all processes, named by rank as in `1/name`; of a single process, unchanged.
 
-        They are of the same names, shapes and types everywhere.
+        Names, shapes and types must be the same in all processes.
         """
         if self.size == 1:
             return tensors
@@ -114,10 +114,10 @@ class Group:
         return found
 
     def own(self, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-        """This process's part of what `gathered` gave.
+        """This process's part of what `gathered` returned.
 
         Raises:
-            ValueError: they are of another number of processes.
+            ValueError: the number of processes was another.
         """
         ranks = [name.partition("/")[0] for name in tensors]
         trained = 1 + max((int(rank) for rank in ranks if rank.isdigit()), default=0)
@@ -127,21 +127,21 @@ class Group:
         return {k.removeprefix(mine): v for k, v in tensors.items() if k.startswith(mine)}
 
     def agreed(self, text: str) -> str:
-        """The first process's text, in all of them."""
+        """The text of the first process, returned in all of them."""
         if self.size == 1:
             return text
-        said = torch.zeros(_LONGEST, dtype=torch.uint8)
+        shared = torch.zeros(_LONGEST, dtype=torch.uint8)
         if self.rank == 0:
             encoded = text.encode()
-            said[: len(encoded)] = torch.tensor(list(encoded), dtype=torch.uint8)
-        dist.broadcast(said, 0)
-        return bytes(said[said > 0].tolist()).decode()
+            shared[: len(encoded)] = torch.tensor(list(encoded), dtype=torch.uint8)
+        dist.broadcast(shared, 0)
+        return bytes(shared[shared > 0].tolist()).decode()
 
     def wait(self) -> None:
-        """Until all are here."""
+        """Wait for all processes."""
         if self.size > 1:
             dist.barrier()
 
 
 ALONE = Group()
-"""A process that learns by itself."""
+"""A single process."""

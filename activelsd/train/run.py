@@ -1,4 +1,4 @@
-"""A run's folder: resolved config, versions, metrics, checkpoints, and what was reported of it."""
+"""A run's folder: resolved config, versions, metrics, checkpoints and reports."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import platform
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -17,28 +17,36 @@ from torch import Tensor
 from activelsd.errors import RunError
 from activelsd.policy.checkpoint import MEANING, load_tensors, save_network, save_tensors
 from activelsd.policy.lsdnet import LSDNet
+from activelsd.registry import Registry
 
 CONFIG = "config.yaml"
 KEPT = 2
-"""Checkpoints that are kept, the newest ones."""
+"""How many of the newest checkpoints are kept."""
 
 
 class Run:
-    """A folder `runs/<time>-<name>` that explains itself.
+    """A folder `runs/<time>-<name>` that holds everything about a training.
 
     Attributes:
-        folder: where it lies.
+        folder: its path.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Open an existing run. Raises RunError where the folder is not one."""
+        """Open an existing run. Raises RunError if the folder is not one."""
         if not (folder / CONFIG).is_file():
             raise RunError(f"{folder} is not a run: it has no {CONFIG}; name a folder that training made.")
         self.folder = folder
 
     @classmethod
-    def create(cls, root: Path, name: str, config: str) -> Run:
-        """Make a new run's folder with the resolved config (YAML) and the versions it is made with."""
+    def create(cls, root: Path, name: str, config: str, parts: Iterable[tuple[Registry, str]] = ()) -> Run:
+        """Make a new run's folder with the resolved config (YAML) and the versions of the packages.
+
+        Args:
+            root: folder of runs.
+            name: of the run.
+            config: as YAML.
+            parts: every part of the config with its registry; the packages that bring some are noted.
+        """
         stamp = time.strftime("%Y%m%d-%H%M%S")
         for number in range(1, 1000):
             folder = root / (f"{stamp}-{name}" if number == 1 else f"{stamp}-{name}-{number}")
@@ -51,7 +59,7 @@ class Run:
                     f"{root} cannot hold runs ({error.strerror}); name another folder as runs=…"
                 ) from None
             break
-        (folder / "versions.json").write_text(json.dumps(_versions(), indent=1) + "\n")
+        (folder / "versions.json").write_text(json.dumps(_versions(parts), indent=1) + "\n")
         (folder / CONFIG).write_text(config)
         return cls(folder)
 
@@ -75,7 +83,7 @@ class Run:
 
     @property
     def checkpoint(self) -> Path:
-        """The newest checkpoint's folder. Raises RunError where there is none yet."""
+        """The newest checkpoint's folder. Raises RunError if there is none yet."""
         finished = self._finished()
         if not finished:
             raise RunError(
@@ -86,13 +94,13 @@ class Run:
     def save(
         self, step: int, network: LSDNet, tensors: dict[str, Tensor], progress: Mapping[str, Any]
     ) -> None:
-        """Write a checkpoint, whole or not at all: a folder under a temporary name, flushed, then renamed.
+        """Write a checkpoint atomically: a folder under a temporary name, flushed, then renamed.
 
         Args:
             step: environment steps so far; the checkpoint's name.
-            network: its weights.
-            tensors: all other state that training goes on from.
-            progress: what of it is plain numbers, for JSON.
+            network: the policy.
+            tensors: all other state from which training resumes.
+            progress: plain numbers of that state, for JSON.
         """
         root = self.folder / "checkpoints"
         final, temporary = root / f"{step:012d}", root / f"{step:012d}.tmp"
@@ -110,13 +118,13 @@ class Run:
             shutil.rmtree(old)
 
     def load_training(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        """What `save` was given beside the network, from the newest checkpoint."""
+        """The tensors and progress that `save` was given, from the newest checkpoint."""
         path = self.checkpoint / "training.json"
         try:
             progress: dict[str, Any] = json.loads(path.read_text())
         except (OSError, ValueError) as error:
             raise RunError(
-                f"{path} cannot be read ({error}); delete {path.parent} to go on from an earlier one."
+                f"{path} cannot be read ({error}); delete {path.parent} to resume from an earlier one."
             ) from None
         return load_tensors(self.checkpoint / "training.safetensors"), progress
 
@@ -126,18 +134,21 @@ class Run:
 
 
 def find_checkpoint(path: Path) -> Path:
-    """The checkpoint that a path means: its own folder, or the newest of a run's.
+    """The checkpoint at a path: a checkpoint's own folder, or the newest one of a run.
 
     Raises:
-        RunError: it is neither, or the run has none yet.
+        RunError: the path is neither, or the run has no checkpoint yet.
     """
     return path if (path / MEANING).is_file() else Run(path).checkpoint
 
 
-def _versions() -> dict[str, str]:
+def _versions(parts: Iterable[tuple[Registry, str]]) -> dict[str, Any]:
     packages = ("activelsd", "torch", "numpy", "gymnasium", "embreex", "trimesh")
     system = {"python": platform.python_version(), "platform": platform.platform()}
-    return system | {package: _version(package) for package in packages}
+    brought = {(kind.kind, name): kind.package(name) for kind, name in parts}
+    others = {f"{kind} {name}": " ".join(one) for (kind, name), one in brought.items() if one}
+    versions = system | {package: _version(package) for package in packages}
+    return versions | dict(one for one in brought.values() if one) | {"parts": others}
 
 
 def _version(package: str) -> str:

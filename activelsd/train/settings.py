@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-if TYPE_CHECKING:  # settings are read, and complained of, before PyTorch is imported
+if TYPE_CHECKING:  # settings are read and checked before PyTorch is imported
     from torch import Tensor
 
 
@@ -31,7 +31,7 @@ class EpsilonAnneal(Anneal):
 
 
 class Annealed(NamedTuple):
-    """What changes as training goes on, as it is now: numbers, or tensors () of them."""
+    """Current values of all annealed settings, as floats or scalar tensors."""
 
     epsilon_branch: float | Tensor
     epsilon_leaf: float | Tensor
@@ -46,14 +46,17 @@ class GA3CSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["processes", "threads"] = Field(
-        "processes", description="where environments are stepped; threads: recorded views only"
+        "processes", description="where environments run; threads: recorded views only"
     )
     agents: int = Field(16, ge=1, description="processes or threads that step environments")
     envs_per_agent: int = Field(
         1, ge=1, description="environments an agent steps in turn; more where a step takes no time"
     )
     lanes: int = Field(
-        1, ge=1, le=8, description="groups of them: one is stepped while the others' answers are awaited"
+        1,
+        ge=1,
+        le=8,
+        description="groups of an agent's environments: one is stepped while the others wait for answers",
     )
     starting: int = Field(4, ge=1, description="agents that start at the same time")
     start_timeout_s: float = Field(300.0, gt=0, description="seconds that a process may take to start")
@@ -70,8 +73,10 @@ class GA3CSettings(BaseModel):
         None, ge=1, description="trajectories of an update; null: as many as environments"
     )
 
-    dynamic: bool = Field(False, description="look for the fastest number of agents, predictors and trainers")
-    dynamic_every_s: float = Field(60.0, gt=0, description="seconds that each try of that is measured")
+    dynamic: bool = Field(
+        False, description="search for the fastest numbers of agents, predictors and trainers"
+    )
+    dynamic_every_s: float = Field(60.0, gt=0, description="seconds that each setting is measured")
 
     @model_validator(mode="after")
     def _lanes_are_alike(self) -> GA3CSettings:
@@ -94,7 +99,7 @@ class RaySettings(BaseModel):
     workers: int = Field(4, ge=1, description="agents in all; each takes a CPU wherever there is one")
     envs_per_worker: int = Field(16, ge=1, description="episodes that an agent plays side by side")
     training_batch: int | None = Field(
-        None, ge=1, description="rollouts of an update, whoever has them first; null: as many as workers"
+        None, ge=1, description="rollouts of an update, the first to arrive; null: as many as workers"
     )
     start_timeout_s: float = Field(
         600.0, gt=0, description="seconds that a worker may take to find room, and then to open its worlds"
@@ -111,42 +116,39 @@ class TrainSettings(BaseModel):
     steps: int = Field(1_000_000, ge=1, description="environment steps in all")
     actors: Literal["resident", "ga3c", "ray"] = Field(
         "resident",
-        description="who plays: views on the learner's device, agents with batched prediction, or a cluster",
+        description="who plays: the learner itself, GA3C agents with batched prediction, or a Ray cluster",
     )
     envs: int = Field(64, ge=1, description="resident: episodes played side by side")
     ga3c: GA3CSettings = Field(GA3CSettings(), description="agents with batched prediction")
     ray: RaySettings = Field(RaySettings(), description="agents in a Ray cluster; recorded views only")
-    vary_crops: bool = Field(True, description="crops of targets are cut and lit otherwise in every episode")
-    mirror: bool = Field(False, description="every other episode is mirrored, if moves have opposites")
+    vary_crops: bool = Field(
+        True, description="augment crops of targets: random margin and brightness per episode"
+    )
+    mirror: bool = Field(False, description="mirror every other episode; every move needs its opposite")
     dropout: float = Field(
-        0.0, ge=0, lt=1, description="share of the memory's features left out at every look"
+        0.0, ge=0, lt=1, description="dropout probability of the memory's features, drawn at every view"
     )
-    amp: bool = Field(
-        False, description="resident: the network's passes in bfloat16, for processors made for it"
-    )
-    compile: bool = Field(False, description="resident: the network goes through torch.compile first")
+    amp: bool = Field(False, description="resident: run the network in bfloat16, for processors made for it")
+    compile: bool = Field(False, description="resident: compile the network with torch.compile")
     cuda_graphs: bool | None = Field(
         None,
-        description="resident, on a GPU: an update, from playing to learning, is one CUDA graph; null: yes,"
-        " where one process learns",
+        description="resident, on a GPU: make each update, acting and learning, one CUDA graph; null: yes,"
+        " if one process learns",
     )
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 
     gamma: float = Field(0.98, ge=0, le=1, description="discount per action")
     reward_clip: float | None = Field(None, gt=0, description="clip rewards to plus or minus this")
-    bootstrap_at_limit: bool = Field(False, description="an episode cut at max_views is valued on, not ended")
+    bootstrap_at_limit: bool = Field(
+        False, description="bootstrap from the value if an episode is cut at max_views"
+    )
     vtrace: bool | None = Field(
-        None, description="correct returns for the actors' lag; null: with ray, whose lag is longer"
+        None,
+        description="correct returns for policy lag by V-trace; null: with ray only, whose lag is longer",
     )
     value_weight: float = Field(0.5, ge=0, description="weight of the value loss")
-    supervised: float = Field(
-        1.0, ge=0, description="weight of cross-entropy on the class branch at every view"
-    )
-    guided: float = Field(
-        0.0,
-        ge=0,
-        description="resident, ray: weight of cross-entropy of the moves with those that lead nearer to a"
-        " good look, known of recordings whose targets have boxes",
+    terms: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(
+        {"supervised": 1.0}, description="weight of each loss term by name; 0: none"
     )
     entropy_branch: Anneal = Field(Anneal(start=0.05, end=0.005), description="entropy bonus: answer or move")
     entropy_leaf: Anneal = Field(
@@ -154,21 +156,23 @@ class TrainSettings(BaseModel):
     )
     epsilon_branch: EpsilonAnneal = Field(EpsilonAnneal(start=0.8, end=0.02), description="random branch")
     epsilon_leaf: EpsilonAnneal = Field(EpsilonAnneal(start=0.3, end=0.02), description="random leaf")
-    anneal: float = Field(0.6, gt=0, le=1, description="share of the steps over which these move")
+    anneal: float = Field(0.6, gt=0, le=1, description="share of the steps over which these are annealed")
 
     optimiser: Literal["adam", "rmsprop"] = Field("adam", description="which optimiser")
     optimiser_epsilon: float = Field(1e-5, gt=0, description="the optimiser's guard against division by zero")
     learning_rate: float = Field(2e-3, gt=0, description="step size at the start")
-    decay: bool = Field(True, description="the step size falls linearly to zero")
+    decay: bool = Field(True, description="let the step size fall linearly to zero")
     clip_norm: float | None = Field(1.0, gt=0, description="clip the gradient's norm to this")
 
     log_every: int = Field(10_000, ge=1, description="steps between two rows of metrics")
-    evaluate_every: int = Field(150_000, ge=1, description="steps between two looks at the validation split")
+    evaluate_every: int = Field(
+        150_000, ge=1, description="steps between two evaluations on the validation split"
+    )
     checkpoint_every: int = Field(50_000, ge=1, description="steps between two checkpoints")
     loggers: list[str] = Field(["tensorboard"], description="where metrics go beside metrics.jsonl")
 
     def at(self, progress: float) -> Annealed:
-        """What is annealed, when this share of the training is done, 0..1."""
+        """The annealed values when this share of the training is done, 0..1."""
         annealed = progress / self.anneal
         return Annealed(
             self.epsilon_branch.at(annealed),

@@ -1,4 +1,4 @@
-"""Sums over the steps since the last row of metrics, kept on the device and read once a row."""
+"""Sums over the steps since the last row of metrics; they stay on the device and are read once per row."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from activelsd.envs.actions import NAVIGATE
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.train.rollout import Rollout
 
 
 class Counts(NamedTuple):
-    """What an update adds to the sums."""
+    """Amounts that an update adds to the sums."""
 
     steps: int
     names: tuple[str, ...]
@@ -25,7 +24,7 @@ class Counts(NamedTuple):
 def counts(
     rollout: Rollout, network: LSDNet, losses: Mapping[str, Tensor], places: Mapping[str, slice]
 ) -> Counts:
-    """Of a rollout that was learned from; `places` are the columns that each of several worlds has."""
+    """Counts of a rollout; `places` gives the columns of each world if there are several."""
     ended = rollout.terminated | rollout.truncated
     # Each (L, B).
     each = {
@@ -35,15 +34,15 @@ def counts(
         "views": rollout.views * ended,
         "reward": rollout.rewards,
     }
-    if rollout.output is not None and NAVIGATE in network.tree.branches:
+    if rollout.output is not None and len(network.tree.branches) > 1:
         policy = network.distribution(rollout.output.logits, rollout.mask)
-        branch = policy.branch_probs()[..., network.tree.branches.index(NAVIGATE)]
-        free = rollout.mask[..., network.tree.span(NAVIGATE)].any(-1)
+        moving = policy.branch_probs()[..., 1:].sum(-1)  # all branches but `classify`, which is the first
+        free = rollout.mask[..., network.tree.moves].any(-1)
         named_right = policy.class_log_probs().argmax(-1) == rollout.labels
         # -log max pi, the paper's Figure 3, "policy entropy loss".
         each |= {
             "free": free,
-            "navigate": branch * free,
+            "navigate": moving * free,
             "first": rollout.first,
             "right_at_first": named_right & rollout.first,
             "surprise": -policy.probs.amax(-1).log(),
@@ -58,25 +57,25 @@ def counts(
 
 
 class Statistics:
-    """What the progress line and the logs show: rates per episode and per step over a window.
+    """Metrics of a window, for progress line and logs: means per episode and per step.
 
-    Of several worlds there are the metrics of all steps, and each world's own below its name.
+    If there are several worlds, there are metrics of all steps, and each world's own under its name.
     """
 
     def __init__(self, places: Mapping[str, slice] | None = None) -> None:
-        """Begin a window; `places` as of `counts`."""
+        """Begin a window; `places` as in `counts`."""
         self._places = _with_all(places or {})
         self._names: tuple[str, ...] = ()
         self._sums: Tensor | float = 0.0
         self._updates = 0
 
     def add(self, update: Counts) -> None:
-        """Add an update's."""
+        """Add the counts of an update."""
         self._names, self._sums = update.names, self._sums + update.values
         self._updates += 1
 
     def read(self) -> dict[str, float]:
-        """The window's metrics, and begin the next window."""
+        """Returns the window's metrics and begins the next window."""
         assert isinstance(self._sums, Tensor), "nothing was added"
         sums = dict(zip(self._names, self._sums.tolist(), strict=True))
         updates, self._updates, self._sums = self._updates, 0, 0.0
@@ -96,5 +95,5 @@ class Statistics:
 
 
 def _with_all(places: Mapping[str, slice]) -> dict[str, slice]:
-    """Places by the prefix of their metrics' names, and before them that of all."""
+    """Columns by the prefix of their metrics' names, first those of all worlds."""
     return {"": slice(None)} | {f"{world}/": place for world, place in places.items()}

@@ -1,4 +1,4 @@
-"""The training loop: play, learn, log, look at the validation split, save, until the steps are done."""
+"""The training loop: play, learn, log, validate, save, until the steps are done."""
 
 from __future__ import annotations
 
@@ -29,21 +29,23 @@ from activelsd.train.settings import Annealed, TrainSettings
 from activelsd.train.statistics import Counts, Statistics, counts
 
 Evaluate = Callable[[LSDNet], dict[str, float]]
-"""Looks at the validation split; its figures are logged as `val/…`."""
+"""Measures a network on the validation split; its figures are logged as `val/…`."""
 
 
 def new_network(tree: ActionTree, shape: NetworkShape, seed: int) -> LSDNet:
-    """A network whose first weights follow from the seed alone."""
+    """A network whose first weights depend on the seed alone."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return LSDNet(tree, shape)
+        network = LSDNet(tree, shape)
+        network.check_parts()
+        return network
 
 
 class Trainer:
-    """Trains one network by what actors play, and leaves everything in a run's folder.
+    """Trains one network on what actors play, and writes everything into a run's folder.
 
-    One seed is fanned out: to the first weights, and to the episodes and actions drawn. Of a group of
-    processes each plays episodes of its own; the first writes, and what it logs is of its own episodes.
+    All seeds are derived from one: of the first weights, and of the episodes and actions drawn. In a group of
+    processes each plays its own episodes; the first process writes, and logs metrics of its own episodes.
     """
 
     def __init__(
@@ -60,16 +62,17 @@ class Trainer:
         resume: bool = False,
         group: Group = ALONE,
     ) -> None:
-        """Build everything, or, to resume, take it back from the run's newest checkpoint.
+        """Build everything, or, to resume, load it from the run's newest checkpoint.
 
         Raises:
-            ConfigError: of several processes each is to be one CUDA graph.
-            RunError: the checkpoint is of another world or other settings.
+            ConfigError: CUDA graphs are asked for in a group of processes, or a part does not fit.
+            RunError: the checkpoint does not fit the world or the settings.
         """
         if settings.cuda_graphs and group.size > 1:
-            raise ConfigError("train.cuda_graphs=true is for one process that learns; leave it out.")
+            raise ConfigError("train.cuda_graphs=true works in one process only; leave it out.")
         self.run, self.settings, self._evaluate = run, settings, evaluate
         self._group, self._device = group, torch.device(device)
+        terms_seed = int(np.random.SeedSequence(seed, spawn_key=(0,)).generate_state(1)[0])
         weights_seed, *play_seeds = np.random.SeedSequence(seed).generate_state(1 + group.size).tolist()
         self.step, self._seconds = 0, 0.0
         if resume:
@@ -82,21 +85,21 @@ class Trainer:
             self.network = new_network(tree, shape, weights_seed).to(device)
         if settings.compile:
             self.network.compile()
-        self.learner = Learner(self.network, settings, group)
+        self.learner = Learner(self.network, settings, group, seed=terms_seed)
         self.actors = make_actors(self.network, play_seeds[group.rank])
         if resume:
             self._restore()
         self._once: Callable[[Annealed], Counts] = self._play_and_learn
         graph = self._device.type == "cuda" and group.size == 1 and settings.cuda_graphs is not False
-        if graph and isinstance(self.actors, ResidentActors):  # others wait for the device
+        if graph and isinstance(self.actors, ResidentActors):  # other actors wait for the device
             self._once = GraphedUpdate(self._play_and_learn, self.actors, self._device)
 
     def train(self) -> None:
         """Run until the steps are done.
 
         Raises:
-            TrainingError: the loss is not finite any more; the last checkpoint is from before.
-            KeyboardInterrupt: the user asked to stop; a checkpoint was written first.
+            TrainingError: the loss is no longer finite; the last checkpoint may still be good.
+            KeyboardInterrupt: the user stopped the run; a checkpoint was written first.
         """
         settings, writes = self.settings, self._group.rank == 0
         loggers = (
@@ -148,9 +151,11 @@ class Trainer:
     def _log(self, loggers: list[Logger], statistics: Statistics, rate: float) -> None:
         metrics = statistics.read() | self.actors.measures()
         if not math.isfinite(metrics["loss/total"]):
+            terms = " and ".join(f"term '{name}'" for name in self.learner.broken_terms())
             raise TrainingError(
-                f"The loss is no longer finite at step {self.step}; lower train.learning_rate or set "
-                f"train.clip_norm, then train again."
+                f"The loss {terms or 'as a whole'} is no longer finite at step {self.step}; lower "
+                f"{'its weight in train.terms or ' if terms else ''}train.learning_rate, or set "
+                "train.clip_norm, then train again."
             )
         self._write(loggers, metrics | {"steps_per_second": rate, "seconds": self._seconds})
 
@@ -159,7 +164,7 @@ class Trainer:
             logger.write(self.step, metrics)
 
     def save(self) -> None:
-        """Write a checkpoint that resumes to the bit."""
+        """Write a checkpoint from which training resumes to the bit."""
         tensors = {f"learner/{k}": v for k, v in self.learner.state().items()}
         tensors |= {f"actors/{k}": v for k, v in self._group.gathered(self.actors.state()).items()}
         if self._group.rank == 0:
@@ -177,27 +182,27 @@ class Trainer:
             self.actors.load_state(self._group.own(part("actors/")))
         except (KeyError, ValueError, RuntimeError) as error:
             raise RunError(
-                f"{self.run.checkpoint} does not fit its own settings ({error}); train afresh."
+                f"{self.run.checkpoint} does not fit its own settings ({error}); train a new run."
             ) from None
 
 
 @contextmanager
 def _stop_requested() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C or SIGTERM into a question the loop asks; a second Ctrl-C interrupts at once."""
-    asked = False
+    """Yields a function that says whether Ctrl-C or SIGTERM came; a second Ctrl-C interrupts at once."""
+    requested = False
 
-    def ask(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        if asked and number == signal.SIGINT:
+    def request(number: int, frame: FrameType | None) -> None:
+        nonlocal requested
+        if requested and number == signal.SIGINT:
             raise KeyboardInterrupt
-        asked = True
+        requested = True
 
     try:
-        before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    except ValueError:  # not the main thread: whoever runs it there stops it there
+        before = {number: signal.signal(number, request) for number in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # signals can be handled in the main thread only
         before = {}
     try:
-        yield lambda: asked
+        yield lambda: requested
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

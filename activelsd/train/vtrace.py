@@ -12,7 +12,7 @@ from torch import Tensor
 
 
 class VTrace(NamedTuple):
-    """What values and policy are to learn from."""
+    """Targets of the value and advantages of the policy."""
 
     vs: Tensor  # (L, B) v_s, the value targets
     advantages: Tensor  # (L, B) rho_s (r_s + gamma v_{s+1} - V(x_s))
@@ -32,17 +32,17 @@ def vtrace(
 ) -> VTrace:
     """Equation 1 by its recursion (remark 1), and the policy gradient's advantage.
 
-    With the policy unchanged every ratio is 1, v_s is the n-step return and the advantage what A3C has.
+    If the policy is unchanged, every ratio is 1, v_s is the n-step return and the advantage is A3C's.
 
     Args:
-        log_ratios: (L, B) log pi(a|x) - log mu(a|x), of the policy learned and the one that acted.
+        log_ratios: (L, B) log pi(a|x) - log mu(a|x), of the policy being trained and the one that acted.
         rewards: (L, B).
-        ended: (L, B) bool; nothing follows an ended episode.
+        ended: (L, B) bool; no value follows an ended episode.
         values: (L, B) V(x_s).
         bootstrap: (B,) value of the state after the last step.
         gamma: discount per step.
-        rho_clip: rho-bar, the most a ratio counts in a temporal difference and in the policy gradient.
-        c_clip: c-bar, the most it counts in what is passed on to the step before.
+        rho_clip: rho-bar, the largest ratio in a temporal difference and in the policy gradient.
+        c_clip: c-bar, the largest ratio in the correction passed on to the step before.
     """
     ratios = log_ratios.exp()
     rhos, cs = ratios.clamp(max=rho_clip), ratios.clamp(max=c_clip)

@@ -76,7 +76,7 @@ def test_a_study_goes_on_where_it_was_stopped(
             raise KeyboardInterrupt
         return ablation.Result(variant, words, split, 0.5 if variant == "flat" else 0.75, 2.0)
 
-    monkeypatch.setattr(ablation, "apart", apart)
+    monkeypatch.setattr(ablation, "in_own_process", apart)
     wanted = {
         name: [(*words, f"seed={seed}") for seed in range(2)]
         for name, words in ablation.variants(BASE, ["flat"]).items()
@@ -96,7 +96,7 @@ def test_a_study_goes_on_where_it_was_stopped(
 def test_an_experiment_takes_up_the_run_there_is(ablation: ModuleType, tmp_path: Path) -> None:
     words = (
         *("env=modelnet", "device=cpu", "env.dataset.classes=[cup,vase]", "env.dataset.train_per_class=3"),
-        *("env.dataset.test_per_class=2", "env.size=32", "policy.features=8", "train.envs=4"),
+        *("env.dataset.test_per_class=2", "env.size=32", "policy.trunk.features=8", "train.envs=4"),
         "train.steps=40",
     )
     first = ablation.experiment("small", words, "val", tmp_path)

@@ -19,7 +19,7 @@ from activelsd.envs.base import ActiveVisionEnv
 from activelsd.envs.episode import PRESETS, Episode, EpisodeRules, View
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.viewgraph import ViewGraph, load_graph, save_graph
-from activelsd.errors import DataError
+from activelsd.errors import ConfigError, DataError
 from tests.graphs import ring_graph, room_graph
 
 RING, ROOM, BARE = ring_graph(objects=9, classes=3), room_graph(), room_graph(crops=False)
@@ -42,18 +42,20 @@ def test_gymnasium_finds_no_fault(graph: ViewGraph, preset: str) -> None:
 
 
 def test_the_registered_world_passes_gymnasiums_check() -> None:
-    env = gymnasium.make("activelsd/ModelNet-v0", rules="V0", navigate=["orbit_cw", "orbit_ccw_90"], **WORLD)
+    env = gymnasium.make(
+        "activelsd/World-v0", world="modelnet", rules="V0", navigate=["orbit_cw", "orbit_ccw_90"], **WORLD
+    )
     check_env(env.unwrapped)
     assert env.unwrapped.tree == ActionTree.answer_or_move(["cup", "vase"], ["orbit_cw", "orbit_ccw_90"])
     assert env.reset(seed=0)[1]["backend"] == "modelnet"
     by_module = gymnasium.make(f"{activelsd.envs.__name__}:activelsd/ModelNet-v0", **WORLD)
-    assert by_module.reset(seed=0)[0]["frames"].shape == (3, 32, 32)
+    assert by_module.reset(seed=0)[0]["frames"].shape == (1, 32, 32)
 
 
 def test_the_registered_world_is_made_in_batches_too() -> None:
     envs = gymnasium.make_vec("activelsd/ModelNet-v0", num_envs=3, rules="V4", **WORLD)
     observations, infos = envs.reset(seed=5)
-    assert observations["frames"].shape == (3, 3, 32, 32)
+    assert observations["frames"].shape == (3, 1, 32, 32)
     for i in range(3):
         alone = gymnasium.make("activelsd/ModelNet-v0", rules="V4", **WORLD)
         assert infos["episode_id"][i] == alone.reset(seed=5 + i)[1]["episode_id"]
@@ -143,7 +145,7 @@ def test_a_replay_takes_nothing_from_the_stream_and_knows_every_split() -> None:
     assert env.reset(seed=2)[1]["episode_id"] == ids[0]
     assert env.reset(options={"episode": other})[1]["episode_id"] == other
     assert [env.reset()[1]["episode_id"] for _ in range(3)] == ids[1:]
-    with pytest.raises(DataError, match="No episode 'x' here"):
+    with pytest.raises(DataError, match="no episode 'x'; ids look like"):
         env.reset(options={"episode": "x"})
 
 
@@ -226,6 +228,22 @@ def test_actions_outside_the_space_are_refused(action: int) -> None:
     env.reset(seed=0)
     with pytest.raises(gymnasium.error.InvalidAction, match=f"no action {action}"):
         env.step(action)
+
+
+def test_no_frames_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"^frames=0 stacks no view; set it to at least 1\.$"):
+        make(frames=0)
+
+
+def test_unknown_reset_options_are_refused_and_take_nothing_from_the_stream() -> None:
+    env, other = make(), make()
+    env.reset(seed=0)
+    other.reset(seed=0)
+    with pytest.raises(ConfigError, match=r"^There is no reset option 'epsiode'; did you mean episode\?$"):
+        env.reset(options={"epsiode": ROOM.episode(0).id})
+    assert env.reset()[1]["episode_id"] == other.reset()[1]["episode_id"]
+    env.reset_options = ("episode", "lamp")  # a backend may read more
+    env.reset(options={"lamp": 1})
 
 
 def test_a_graph_without_moves_is_one_sentence() -> None:

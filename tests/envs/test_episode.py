@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from activelsd.envs.episode import PRESETS, EpisodeRules
 from activelsd.envs.graphenv import ViewGraphEnv
+from activelsd.errors import ConfigError
 from tests.graphs import ring_graph, room_graph
 
 GRAPHS = {"ring": ring_graph(objects=9, classes=3), "room": room_graph()}
@@ -49,7 +50,7 @@ def test_evaluation_ends_on_any_class_and_keeps_the_rest() -> None:
 def test_rules_are_frozen_and_need_a_view() -> None:
     with pytest.raises(FrozenInstanceError):
         PRESETS["V0"].right = 2.0  # type: ignore[misc]
-    with pytest.raises(ValueError, match="at least 1, not 0"):
+    with pytest.raises(ConfigError, match="at least 1, not 0; set"):
         EpisodeRules(max_views=0)
 
 

@@ -179,7 +179,7 @@ def test_environments_are_shared_out_evenly_and_one_world_stays_as_it_is() -> No
 def test_worlds_that_do_not_fit_together() -> None:
     with pytest.raises(ConfigError, match=r"need frames of one size, not world_0 4, world_1 8 pixels;"):
         play_recordings(recordings(RING, room_graph(size=8)), num_envs=4, frames=1)
-    with pytest.raises(ConfigError, match=r"^train\.envs=1 leaves"):
+    with pytest.raises(ConfigError, match=r"^train\.envs=1 is too few for 2 worlds; set it to at least 2\.$"):
         play_recordings(recordings(RING, ROOM), num_envs=1, frames=1)
     only_test = replace(ROOM, start_split=np.full_like(ROOM.start_split, 2))
     with pytest.raises(DataError, match="'train' split has no episode"):

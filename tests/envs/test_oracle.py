@@ -1,14 +1,17 @@
-"""The shortest way to a good look, beside a search that takes every view by itself."""
+"""Shortest paths to a good view, compared with a search from every view by itself."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections import deque
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-from activelsd.envs.oracle import moves_to_go, shows_well, with_oracle
+from activelsd.envs.oracle import Guide, moves_to_go, shows_well, with_oracle
 from activelsd.envs.viewgraph import ViewGraph
 from tests.graphs import room_graph
 
@@ -79,3 +82,19 @@ def test_a_box_at_the_border_never_shows_well() -> None:
     graph = replace(graph, boxes=boxes)
     assert not shows_well(graph).any()
     assert (moves_to_go(graph) == -1).all()
+
+
+def test_moves_that_lead_nearer() -> None:
+    graph = room_graph(rooms=4)
+    away = moves_to_go(graph)
+    views, targets = (x.ravel() for x in np.indices(away.shape))
+    nearer = Guide(graph, torch.device("cpu")).nearer(torch.from_numpy(views), torch.from_numpy(targets))
+    for view, target, found in zip(views.tolist(), targets.tolist(), nearer.tolist(), strict=True):
+        here = away[view, target]
+        assert found == [to >= 0 and 0 <= away[to, target] < here for to in graph.moves[view]]
+    assert nearer.any()
+
+
+def test_worlds_find_shortest_paths_without_torch() -> None:
+    code = "import sys, activelsd.envs.oracle; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

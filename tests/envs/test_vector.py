@@ -19,7 +19,7 @@ from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph
-from activelsd.errors import DataError
+from activelsd.errors import ConfigError, DataError
 from tests.graphs import ring_graph, room_graph
 
 GRAPHS = {
@@ -99,7 +99,7 @@ def test_some_seeds_of_a_list_may_be_left_out() -> None:
     for seed in ([1, 2, 3], [None, 5, None], None, [7, None, None]):
         # The single environments' backend has its default name, as the batch's has.
         assert_same(ours.reset(seed=seed), theirs.reset(seed=seed))
-    with pytest.raises(ValueError, match="3 environments to seed, but 2 seeds"):
+    with pytest.raises(ValueError, match="3 environments but 2 seeds"):
         ours.reset(seed=[1, 2])
 
 
@@ -264,6 +264,11 @@ def test_state_goes_on_where_it_was_taken() -> None:
             assert torch.equal(value, other.observe()[name])
         assert torch.equal(env.mask(), other.mask())
         assert torch.equal(env.labels, other.labels)
+
+
+def test_no_frames_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"^frames=0 stacks no view; set it to at least 1\.$"):
+        batch(frames=0)
 
 
 def test_errors_name_the_split() -> None:

@@ -86,9 +86,9 @@ def test_errors_name_the_thing_and_the_way_out() -> None:
     with pytest.raises(DataError, match=r"^There is no split 'tset'; choose one of train, val, test\.$"):
         ring.starts("tset")
     alone = replace(ring, start_split=np.zeros_like(ring.start_split))
-    with pytest.raises(DataError, match=r"^The 'test' split has no episode to start; "):
+    with pytest.raises(DataError, match=r"^The 'test' split has no episode; "):
         alone.starts("test")
-    with pytest.raises(DataError, match=r"^No episode 'here' here; ids look like 'train:object_0:"):
+    with pytest.raises(DataError, match=r"^There is no episode 'here'; ids look like 'train:object_0:"):
         ring.find("here")
     for graph in (ring, GRAPHS[2]):
         with pytest.raises(DataError, match=r"has no crops; turn `crops` off"):

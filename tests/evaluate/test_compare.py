@@ -6,19 +6,23 @@ import csv
 import io
 import json
 import struct
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from activelsd import registry
 from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, DataError, RunError
 from activelsd.evaluate import result_files
 from activelsd.evaluate.compare import Comparison, Entrant, assemble, compare, measure
-from activelsd.evaluate.figure import draw
 from activelsd.evaluate.filmstrips import choose, filmstrip
+from activelsd.evaluate.picture import draw
+from activelsd.evaluate.players import NoMove
 from activelsd.evaluate.protocol import EpisodeRow
 from activelsd.evaluate.table import text
 from tests.evaluate.lattice import lattice
@@ -152,7 +156,7 @@ def test_files_come_whole_or_not_at_all(
         raise RuntimeError("no picture")
 
     with monkeypatch.context() as patch:
-        patch.setattr("activelsd.evaluate.figure.draw", broken)
+        patch.setattr("activelsd.evaluate.picture.draw", broken)
         with pytest.raises(RuntimeError, match="no picture"):
             result_files.write(comparison, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["comparison.json"]
@@ -261,6 +265,104 @@ def test_the_table_says_how_far_the_way_is_gone() -> None:
     )
     assert "of the way" not in text(alone)
     assert result_files.as_json(alone)["gain_closed"] is None
+
+
+def share_of_first(rows: Sequence[EpisodeRow]) -> float:
+    """Share of first answers that are right."""
+    return float(np.mean([row.answers[0] == row.label for row in rows]))
+
+
+def right_when_moved(rows: Sequence[EpisodeRow]) -> float | None:
+    moved = [row.right for row in rows if row.views > 1]
+    return float(np.mean(moved)) if moved else None
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Figures added in this process; whoever asks for one more puts it in."""
+    added: dict[str, Any] = {}
+    monkeypatch.setattr(registry.figures, "_added", added)
+    return added
+
+
+def test_every_registered_figure_is_a_column(figures: dict[str, Any]) -> None:
+    figures |= {"first": share_of_first, "moved": right_when_moved, "nowhere": lambda rows: float("nan")}
+    one = compare([entrant()], ["no_move", "all_views"], seed=3)
+    read = result_files.as_json(one)
+    lines = list(csv.DictReader(io.StringIO(result_files.as_csv(one))))
+    at_first = one.players[1].accuracy.mean
+    for player, line in zip(read["players"], lines, strict=True):
+        low, high = player["first_ci"]
+        assert low <= player["first"] <= high
+        assert player["first"] == pytest.approx(at_first)
+        assert [float(line[f"first{end}"]) for end in ("", "_low", "_high")] == [player["first"], low, high]
+        # Known for others: empty. Known for nobody: left out.
+        if player["name"] == "no_move":
+            assert player["moved"] is player["moved_ci"] is None
+            assert line["moved"] == line["moved_low"] == line["moved_high"] == ""
+        else:
+            assert float(line["moved"]) == player["moved"]
+        assert not {"spl", "spl_ci", "nowhere"} & player.keys()
+        assert not {"spl", "spl_low", "nowhere"} & line.keys()
+    said = text(one)
+    assert "first: Share of first answers that are right." in said
+    head = next(i for i, line in enumerate(said.splitlines()) if line.split() == ["Player", "first", "moved"])
+    assert said.splitlines()[head + 3].split()[-1] == "-"
+    assert f"{at_first:.2f} [" in said.splitlines()[head + 2]
+
+
+def test_spl_is_such_a_figure() -> None:
+    rows = [row(target=f"cup/{i % 9}", right=i % 3 > 0, views=2, oracle_views=i % 2 + 1) for i in range(54)]
+    one = assemble({"trained": rows}, {"trained": 12}, GRAPH, split="test", per_object=None, seed=0)
+    (read,) = result_files.as_json(one)["players"]
+    assert read["spl"] == pytest.approx(0.5)
+    assert list(read)[list(read).index("spl") :][:2] == ["spl", "spl_ci"]
+    head = result_files.as_csv(one).splitlines()[0]
+    assert "forced,spl,spl_low,spl_high,accuracy_difference" in head
+
+
+def test_a_figure_that_cannot_be_is_left_out_with_a_warning(
+    figures: dict[str, Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    def fails(rows: Sequence[EpisodeRow]) -> float:
+        raise ZeroDivisionError("no rows")
+
+    figures |= {"accuracy": share_of_first, "broken": fails, "fine": share_of_first}
+    assert list(compare([entrant()]).reference.figures) == ["fine"]
+    assert caplog.messages == [
+        "The figure 'accuracy' has a name that every player's own figures use; mend it. It is left out.",
+        "The figure 'broken' fails (ZeroDivisionError: no rows); mend it. It is left out.",
+    ]
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("graded", [False, True])
+def test_figures_fit_80_columns(figures: dict[str, Any], count: int, graded: bool) -> None:
+    figures |= {f"a_figure_with_a_rather_long_name_{i}": lambda rows: 12.345 for i in range(count)}
+    figures["tiny"] = lambda rows: 0.0012
+    names = ("20261124-153012-modelnet-seed=1", "no_move", "object_search")
+    grades = ("easy", "moderate", "hard") if graded else (None,)
+    played = {
+        name: [row(player=name, difficulty=grade, right=i % 3 > 0) for i in range(60) for grade in grades]
+        for name in names
+    }
+    one = assemble(played, dict.fromkeys(names, 12), GRAPH, split="test", per_object=None, seed=0)
+    said = text(one)
+    assert all(len(line) <= 80 for line in said.splitlines())
+    assert said.count("12.35 [12.35, 12.35]") + said.count("12.34 [12.34, 12.34]") == 3 * count
+    assert said.count("0.0012 [0.0012, 0.0012]") == 3
+    for figure in figures:
+        assert figure in said
+    assert said.count("By difficulty ") == (2 if graded else 0)
+
+
+def test_a_player_of_another_package_plays_beside_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry.players, "_added", {})
+    registry.players.add("stays", lambda network, graph, seed: NoMove(network, graph, seed))
+    one = compare([entrant()], ["no_move", "stays"], seed=3)
+    assert [player.name for player in one.players] == ["trained", "no_move", "stays"]
+    assert one.players[1].accuracy == one.players[2].accuracy
+    assert {row.player for row in one.rows["stays"]} == {"stays"}
 
 
 def episodes() -> list[EpisodeRow]:

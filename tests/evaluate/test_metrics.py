@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -12,12 +14,14 @@ from activelsd.evaluate.metrics import (
     by_class,
     by_difficulty,
     by_views,
+    figure_interval,
     gain_closed,
     intervals,
-    path_lengths,
     resampled_means,
     score,
+    spl,
 )
+from activelsd.evaluate.protocol import EpisodeRow
 from tests.evaluate.worlds import row
 
 ROWS = [
@@ -136,19 +140,50 @@ def test_gain_closed() -> None:
     assert gain_closed(ceiling, ceiling, floor, objects, seed=0) is None
 
 
-def test_path_lengths_by_hand() -> None:
+def test_spl_by_hand() -> None:
     rows = [
         row(views=1, oracle_views=3, answers=("cup",)),  # right before the oracle is there: 1
         row(views=4, oracle_views=2, answers=("x",) * 4),  # twice as long: 1/2
         row(target="door/01", views=2, oracle_views=2, right=False, answers=("x", "x")),  # wrong: 0
         row(target="door/01", views=2, oracle_views=-1, answers=("x", "x")),  # no way there: left out
     ]
-    spl = path_lengths(rows, seed=0)
-    assert spl is not None
-    assert spl.mean == pytest.approx((1 + 0.5 + 0) / 3)
-    assert (spl.low, spl.high) == (0, 0.75)
-    assert path_lengths(ROWS, seed=0) is None
-    assert path_lengths(rows[3:], seed=0) is None
+    assert spl(rows) == pytest.approx((1 + 0.5 + 0) / 3)
+    interval = figure_interval(spl, rows, seed=0)
+    assert interval is not None
+    assert interval == (spl(rows), 0, 0.75)
+    for unknown in (ROWS, rows[3:]):
+        assert np.isnan(spl(unknown))
+        assert figure_interval(spl, unknown, seed=0) is None
+
+
+def accuracy(rows: Sequence[EpisodeRow]) -> float:
+    return float(np.mean([row.right for row in rows]))
+
+
+def test_a_figure_is_resampled_as_the_means_are() -> None:
+    """Whole objects with all their episodes, the same ones that `intervals` draws."""
+    rng = np.random.default_rng(3)
+    rows = [
+        row(target=f"cup/{i:02d}", right=bool(rng.random() < easy))
+        for i, easy in enumerate(rng.random(20))
+        for _ in range(rng.integers(1, 9))
+    ]
+    rows = [rows[i] for i in rng.permutation(len(rows))]
+    scores = score(rows, 12)
+    for seed in (0, 1):
+        expected = intervals(scores.values, scores.objects, seed=seed, resamples=200)[0]
+        assert figure_interval(accuracy, rows, seed=seed, resamples=200) == pytest.approx(expected)
+
+
+def test_resamples_in_which_a_figure_is_not_known_are_left_out() -> None:
+    def views_when_right(rows: Sequence[EpisodeRow]) -> float | None:
+        return sum(r.views for r in rows) if any(r.right for r in rows) else None
+
+    rows = [row(target="a", views=3), row(target="b", views=5, right=False)]
+    # Of the samples aa, ab, ba, bb the last has no right answer.
+    assert figure_interval(views_when_right, rows, seed=0) == (8, 6, 8)
+    for unknown in (None, float("nan"), float("inf")):
+        assert figure_interval(lambda rows, value=unknown: value, rows, seed=0) is None
 
 
 def test_difficulties_stand_in_their_order() -> None:

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
+from activelsd import registry
 from activelsd.envs.episode import EpisodeRules
-from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
-from activelsd.evaluate.baselines import make_baseline
 from activelsd.evaluate.metrics import by_allowed
-from activelsd.evaluate.players import Draws, Trained, longest_sweep
+from activelsd.evaluate.players import Draws, Trained, longest_sweep, make_player
 from activelsd.evaluate.protocol import EpisodeRow, Player, episodes_of, play
 from activelsd.policy.lsdnet import LSDNet
-from tests.evaluate.worlds import CLASSES, RULES, Checked, network, ring
+from tests.evaluate.worlds import CLASSES, RULES, Checked, network, ring, rings
 
 GRAPH = ring()
 # The others need a world to walk in, see test_walkers.
@@ -26,7 +28,7 @@ NAMES = ["trained", "no_move", "random_walk", "random_policy", "all_views", "nex
 
 
 def make(name: str, net: LSDNet, graph: ViewGraph = GRAPH, seed: int = 0) -> Player:
-    return Trained(net) if name == "trained" else make_baseline(name, net, graph, seed)
+    return Trained(net) if name == "trained" else make_player(name, net, graph, seed)
 
 
 def played(
@@ -106,10 +108,32 @@ def test_all_views_stops_where_views_end() -> None:
     assert {(row.views, row.forced) for row in rows} == {(6, False)}
 
 
+def test_all_views_sees_every_ring_as_a_whole() -> None:
+    graph = rings(8, 10, 18, 20)
+    net = network(graph)
+    for batch in (1, 7):
+        rows = played(make("all_views", net, graph), graph, EpisodeRules(max_views=24), batch)
+        assert [row.views for row in rows] == [n for n in (8, 10, 18, 20) for _ in range(n)]
+        assert all(len(set(row.path)) == row.views and not row.forced for row in rows)
+
+
+def test_all_views_sees_most_from_where_an_episode_starts() -> None:
+    """On a line of four views, one move leads right and the other left."""
+    line = np.array([[1, -1], [2, 0], [3, 1], [-1, 2]], np.int32)
+    graph = replace(ring(1, 4, moves=("cw", "half")), moves=line, start_split=np.full(4, 2, np.uint8))
+    rows = played(make("all_views", network(graph), graph), graph)
+    assert [row.path for row in rows] == [
+        ("a0", "a1", "a2", "a3"),
+        ("a1", "a2", "a3"),
+        ("a2", "a1", "a0"),
+        ("a3", "a2", "a1", "a0"),
+    ]
+
+
 def test_the_sweep_is_the_move_that_sees_most() -> None:
-    assert longest_sweep(GRAPH) == (1, 6)
-    assert longest_sweep(ring(moves=("half", "wall"))) == (0, 2)
-    assert longest_sweep(ring(moves=("wall",))) == (0, 1)
+    assert longest_sweep(GRAPH, 0) == (1, 6)
+    assert longest_sweep(ring(moves=("half", "wall")), 0) == (0, 2)
+    assert longest_sweep(ring(moves=("wall",)), 0) == (0, 1)
 
 
 def answering(graph: ViewGraph, chance: float) -> LSDNet:
@@ -177,10 +201,56 @@ def test_draws_are_uniform_over_what_is_open() -> None:
     assert not torch.equal(draws.choose(among, 0, 2), draws.choose(among, 1, 2))
 
 
-def test_an_unknown_baseline_names_the_nearest() -> None:
+BRANCHES = {"step": ("cw", "half"), "rest": ("wall",)}
+
+
+@pytest.mark.parametrize("head", ["tree", "flat"])
+def test_moves_may_stand_in_several_branches(name: str, head: str) -> None:
+    graph = GRAPH.with_moves(BRANCHES)
+    player = Checked(make(name, network(graph, head=head), graph), graph)
+    rows = played(player, graph, EpisodeRules(max_views=6))
+    if name != "no_move":
+        assert max(row.views for row in rows) > 1
+    if name == "all_views":
+        assert {len(set(row.path)) for row in rows} == {6}
+
+
+def test_the_likeliest_move_is_that_of_all_branches() -> None:
+    graph = ring(9, moves=("cw", "half")).with_moves({"step": ("cw",), "jump": ("half",)})
+    for liked, stride in (("step", 1), ("jump", 3)):
+        net = network(graph)
+        with torch.no_grad():
+            net.policy.weight.zero_()
+            net.policy.bias.zero_()
+            net.policy.bias[net.tree.branches.index(liked)] = 5.0
+        rows = played(Trained(net), graph, EpisodeRules(max_views=4))
+        for row in rows:
+            assert (int(row.path[1][1]) - int(row.path[0][1])) % 6 == stride
+
+
+class Twice(Trained):
+    """A player of somebody else's: nothing but `act`."""
+
+    def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
+        self.look(observation, mask, first)
+        move = self.likeliest_move()
+        legal = mask.gather(1, move[:, None]).squeeze(1)
+        return torch.where(first & legal, move, self.name_class())
+
+
+def test_a_player_that_only_acts_is_found_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = EntryPoint("twice", f"{__name__}:Twice", "activelsd.players")
+    monkeypatch.setattr(registry, "_installed", lambda group: {"twice": entry} if group == "players" else {})
+    player = make("twice", network(GRAPH))
+    assert player.name == "twice"
+    assert {row.views for row in played(Checked(player, GRAPH))} == {2}
+    assert {row.views for row in played(player, rules=EpisodeRules(can_move=False))} == {1}
+    assert Trained(network(GRAPH), name="run-7").name == "run-7"
+
+
+def test_an_unknown_player_names_the_nearest() -> None:
     net = network(GRAPH)
-    with pytest.raises(ConfigError, match="no baseline 'randomwalk'; did you mean random_walk"):
-        make_baseline("randomwalk", net, GRAPH, 0)
-    with pytest.raises(ConfigError, match="no baseline 'xyz'; there are no_move, random_walk"):
-        make_baseline("xyz", net, GRAPH, 0)
-    assert tree_of(GRAPH) == net.tree
+    with pytest.raises(ConfigError, match="no player 'randomwalk'; did you mean random_walk"):
+        make_player("randomwalk", net, GRAPH, 0)
+    with pytest.raises(ConfigError, match="no player 'xyz'; there are no_move, random_walk"):
+        make_player("xyz", net, GRAPH, 0)

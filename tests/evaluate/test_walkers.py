@@ -2,39 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
-from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
+from activelsd import registry
 from activelsd.envs.avd.starts import BoxScores, starts_by_score
 from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.oracle import shows_well
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
-from activelsd.evaluate.baselines import make_baseline
-from activelsd.evaluate.nextbest import ForwardOnly, NextBestMove, RandomMoves, after_moves, recognise, table
-from activelsd.evaluate.players import Trained
-from activelsd.evaluate.protocol import EpisodeRow, Insider, Player, episodes_of, play
+from activelsd.evaluate.players import make_player
+from activelsd.evaluate.protocol import EpisodeRow, Player, episodes_of, play
 from activelsd.evaluate.walkers import Look, object_search
-from activelsd.policy.lsdnet import LSDNet
 from tests.evaluate.lattice import lattice
 from tests.evaluate.worlds import Checked, network, ring
 
 ROOM, SMALL = lattice(), lattice(side=4, thing=(1.0, 5.0))
 RULES = EpisodeRules(max_views=24)
 WALKERS = ("forward", "object_search", "oracle", "next_best_move")
-
-
-class CheckedInsider(Checked):
-    """Watched, and told where it is if it wants to know."""
-
-    def tell(self, views: torch.Tensor, targets: torch.Tensor) -> None:
-        assert views.shape == targets.shape == (self._batch,)
-        if isinstance(self.player, Insider):
-            self.player.tell(views, targets)
 
 
 def played(
@@ -47,17 +36,44 @@ def played(
 @pytest.mark.parametrize("name", WALKERS)
 def test_walkers_keep_the_protocol_in_any_batch(name: str) -> None:
     graph = lattice(side=3, thing=(1.0, 3.5), walls=[(1, 1)])
-    player = CheckedInsider(make_baseline(name, network(graph), graph, 0), graph)
+    player = Checked(make_player(name, network(graph), graph, 0), graph)
     rows = played(player, graph, batch=1)
     assert len(rows) == len(graph.start_view)
     for batch in (5, 96):
         assert played(player, graph, batch=batch) == rows
 
 
+@pytest.mark.parametrize("graph", [ring(), ROOM, ring().with_moves({"a": ("cw",), "b": ("half",)})])
+def test_the_documented_player_and_figure_work_in_any_world(
+    graph: ViewGraph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "players.md").read_text()
+    for kind in (registry.players, registry.figures):
+        monkeypatch.setattr(kind, "_added", {})
+    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(block, {"__name__": "documented"})
+    rows = played(Checked(make_player("two_views", network(graph), graph, 0), graph), graph)
+    assert {row.views for row in rows} == {2}
+    same = np.mean([row.answers[0] == row.answers[1] for row in rows])
+    assert registry.figures.get("moved_in_vain")(rows) == pytest.approx(same)
+
+
+@pytest.mark.parametrize("name", WALKERS)
+def test_walkers_find_their_moves_in_any_branch(name: str) -> None:
+    """The same moves in two branches, in the same order: the same paths."""
+    graph = lattice(side=4, thing=(1.0, 5.0))
+    split = graph.with_moves({"step": graph.move_names[:4], "turn": graph.move_names[4:]})
+    rows = played(Checked(make_player(name, network(split), split, 0), split), split)
+    assert max(row.views for row in rows) > 3
+    if name != "next_best_move":  # the network itself chooses its moves, by branch
+        whole = played(make_player(name, network(graph), graph, 0), graph)
+        assert [row.path for row in rows] == [row.path for row in whole]
+
+
 @pytest.mark.parametrize("name", WALKERS)
 def test_the_last_view_and_rules_without_moves_are_obeyed(name: str) -> None:
     for rules in (EpisodeRules(max_views=2), EpisodeRules(can_move=False)):
-        rows = played(CheckedInsider(make_baseline(name, network(ROOM), ROOM, 0), ROOM), rules=rules)
+        rows = played(Checked(make_player(name, network(ROOM), ROOM, 0), ROOM), rules=rules)
         assert max(row.views for row in rows) == (2 if rules.can_move else 1)
 
 
@@ -69,7 +85,7 @@ def wells(graph: ViewGraph) -> set[str]:
 
 
 def test_the_oracle_takes_the_fewest_views_there_are() -> None:
-    rows = played(make_baseline("oracle", network(ROOM), ROOM, 0))
+    rows = played(make_player("oracle", network(ROOM), ROOM, 0))
     assert ROOM.oracle_views is not None
     assert [row.views for row in rows] == ROOM.oracle_views.tolist()
     assert {row.path[-1] for row in rows} <= wells(ROOM)
@@ -78,14 +94,14 @@ def test_the_oracle_takes_the_fewest_views_there_are() -> None:
 
 def test_the_oracle_answers_at_once_where_no_way_leads() -> None:
     shut = replace(ROOM, moves=np.full_like(ROOM.moves, -1))
-    assert {row.views for row in played(make_baseline("oracle", network(shut), shut, 0), shut)} == {1}
+    assert {row.views for row in played(make_player("oracle", network(shut), shut, 0), shut)} == {1}
 
 
 @pytest.mark.parametrize("walls", [(), [(3, 5)], [(2, 4), (3, 4)]])
 def test_object_search_ends_near_the_target(walls: list[tuple[int, int]]) -> None:
     """It sees no map: nearly every episode ends at a view about as good as the best, obstacles or not."""
     graph = lattice(walls=walls)
-    rows = played(make_baseline("object_search", network(graph), graph, 0), graph)
+    rows = played(make_player("object_search", network(graph), graph, 0), graph)
     good = wells(graph)
     arrived = np.mean([row.path[-1] in good for row in rows])
     started = np.mean([row.start in good for row in rows])
@@ -160,7 +176,7 @@ def test_object_search_tilts_where_it_can() -> None:
 
 
 def test_forward_walks_on_and_turns_where_it_is_blocked() -> None:
-    rows = played(make_baseline("forward", network(ROOM), ROOM, 0))
+    rows = played(make_player("forward", network(ROOM), ROOM, 0))
     assert {(row.views, row.forced) for row in rows} == {(24, True)}
     start = next(row for row in rows if row.start == "0_0_0")
     assert start.path[:9] == (*(f"0_{y}_0" for y in range(7)), "0_6_0", "0_6_30")
@@ -174,55 +190,7 @@ def test_players_need_moves_and_boxes_that_a_ring_has_not() -> None:
         ("oracle", "oracle needs a world whose targets have boxes"),
     ):
         with pytest.raises(ConfigError, match=sentence):
-            make_baseline(name, network(graph), graph, 0)
-
-
-def with_bias(graph: ViewGraph, classes: float) -> LSDNet:
-    """A network whose first class scores `classes` logits above the other, whatever it sees."""
-    net = network(graph, "stack")
-    with torch.no_grad():
-        net.policy.weight.zero_()
-        net.policy.bias.zero_()
-        net.policy.bias[2] = classes
-        net.policy.bias[4 + 4] = 1.0  # rotate_cw
-    return net
-
-
-def test_next_best_move_goes_on_until_it_is_sure() -> None:
-    again = replace(RULES, try_again=True)
-    for player in (NextBestMove, lambda net: RandomMoves(net, 0), ForwardOnly):
-        assert {row.views for row in played(player(with_bias(SMALL, 2.0)), SMALL, again)} == {24}  # 0.88
-        assert {row.views for row in played(player(with_bias(SMALL, 2.5)), SMALL, again)} == {1}  # 0.92
-    rows = played(NextBestMove(with_bias(SMALL, 0.0)), SMALL)
-    assert rows[0].path[:3] == ("0_0_0", "0_0_30", "0_0_60")
-    rows = played(ForwardOnly(with_bias(SMALL, 0.0)), SMALL, again)
-    assert rows[0].path == (*(f"0_{y}_0" for y in range(4)), *["0_3_0"] * 20)
-    ways = [
-        pair for row in played(RandomMoves(with_bias(SMALL, 0.0), 0), SMALL) for pair in pairwise(row.path)
-    ]
-    assert len({(a.split("_")[2] == b.split("_")[2], a == b) for a, b in ways}) == 3
-
-
-def test_the_table_counts_what_was_reached_after_so_many_moves() -> None:
-    rows = played(NextBestMove(network(ROOM, "stack")), rules=EpisodeRules(max_views=21))
-    for moves, accuracy in zip((0, 3, 5, 10, 20), after_moves(rows), strict=True):
-        reached = [row.answers[min(moves, row.views - 1)] == row.label for row in rows]
-        assert accuracy == pytest.approx(np.mean(reached))
-    printed = table({"next_best_move": rows}, "split 1")
-    assert printed.splitlines()[1].split() == ["moves", "0", "3", "5", "10", "20"]
-    assert printed.splitlines()[2].split()[0] == "next_best_move"
-
-
-def test_recognising_is_what_an_episode_that_starts_there_answers() -> None:
-    net = network(ROOM, "stack")
-    scores = recognise(net, ROOM)
-    rows = played(Trained(net))
-    assert ROOM.pair_of is not None
-    for row, view in zip(rows, ROOM.start_view, strict=True):
-        pair = ROOM.pair_of[view, 0]
-        if pair >= 0:
-            assert scores.right[pair] == (row.answers[0] == row.label)
-    assert 0.5 <= scores.score.min() < scores.score.max() <= 1
+            make_player(name, network(graph), graph, 0)
 
 
 def test_starts_by_score_are_unsure_views_of_targets_that_are_named_both_ways() -> None:

@@ -12,7 +12,7 @@ from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph
-from activelsd.evaluate.protocol import EpisodeRow, Player
+from activelsd.evaluate.protocol import EpisodeRow, Insider, Player
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
 from activelsd.policy.memories import LSTM
 
@@ -55,11 +55,35 @@ def ring(
     )
 
 
+def rings(*lengths: int) -> ViewGraph:
+    """Rings of unlike lengths as objects of one graph, `cw` once around; all for tests."""
+    parts = [ring(1, views, moves=("half", "cw")) for views in lengths]
+    first = np.repeat(np.cumsum([0, *lengths[:-1]]), lengths)
+    object_of, count = np.repeat(np.arange(len(lengths)), lengths), len(first)
+    names = tuple(f"cup/{i:02d}" for i in range(len(lengths)))
+    return ViewGraph(
+        frames=np.concatenate([part.frames for part in parts]),
+        moves=(np.concatenate([part.moves for part in parts]) + first[:, None]).astype(np.int32),
+        move_names=parts[0].move_names,
+        classes=CLASSES,
+        targets=names,
+        labels=np.zeros(len(names), np.int64),
+        scenes=names,
+        scene_of=object_of.astype(np.int32),
+        view_names=tuple(name for part in parts for name in part.view_names),
+        start_view=np.arange(count, dtype=np.int32),
+        start_target=object_of.astype(np.int32),
+        start_split=np.full(count, 2, np.uint8),
+    )
+
+
 def network(graph: ViewGraph, memory: str = "pool", head: str = "tree", seed: int = 2) -> LSDNet:
     """Untrained, scaled so that every output says yes to some views and no to others; it likes to move."""
     torch.manual_seed(seed)
     frames = 3 if memory == "stack" else 1
-    shape = NetworkShape(memory=memory, head=head, size=graph.size, features=16, frames=frames)
+    shape = NetworkShape(
+        memory=memory, head=head, size=graph.size, trunk_settings={"features": 16}, frames=frames
+    )
     net = LSDNet(tree_of(graph), shape)
     every = np.arange(len(graph.start_view))
     env = ViewGraphVectorEnv(graph, RULES, num_envs=len(every), frames=frames, playlist=every)
@@ -96,6 +120,11 @@ class Checked:
         self.begun += 1
         self._batch, self._over = batch, torch.ones(batch, dtype=torch.bool)
         self.player.begin(batch)
+
+    def tell(self, views: Tensor, targets: Tensor) -> None:
+        assert views.shape == targets.shape == (self._batch,)
+        if isinstance(self.player, Insider):
+            self.player.tell(views, targets)
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
         b, s = self._batch, self.graph.size

@@ -85,8 +85,14 @@ def test_a_tree_is_what_enumerating_it_says(which: int, seed: int, epsilon: tupl
     assert sum(float(level) for level in policy.entropy()) == pytest.approx(whole, abs=1e-5)
     if opened[0]:
         assert policy.class_log_probs().exp().tolist() == pytest.approx(pi_leaf[0], abs=1e-6)
-    if tree.branches[1] == "navigate" and opened[1]:
-        assert policy.move_log_probs().exp().tolist() == pytest.approx(pi_leaf[1], abs=1e-6)
+    if any(opened[1:]):
+        moving = [b * x for b, p in zip(pi_branch[1:], pi_leaf[1:], strict=True) for x in p]
+        expected = [x / sum(moving) for x in moving]
+        assert policy.move_log_probs().exp().tolist() == pytest.approx(expected, abs=1e-6)
+    else:
+        assert policy.move_log_probs().isneginf().all()
+    if len(opened) == 2 and opened[1]:  # the paper's tree: the moves are one branch, and nothing is added
+        assert torch.equal(policy.move_log_probs(), policy._leaves[1])
 
 
 @given(which=st.integers(0, len(TREES) - 1), seed=st.integers(0, 10**6), epsilon=st.floats(0, 1))
@@ -99,9 +105,11 @@ def test_a_flat_head_is_one_softmax(which: int, seed: int, epsilon: float) -> No
     assert policy.entropy().branch.item() == 0.0
     assert policy.entropy().leaf.item() == pytest.approx(entropy(p), abs=1e-5)
     assert policy.branch_probs().tolist() == pytest.approx([sum(p[s]) for s in spans(tree)], abs=1e-6)
-    for branch, given_branch in (("classify", policy.class_log_probs), ("navigate", policy.move_log_probs)):
-        if branch in tree.branches and any(mask[tree.span(branch)]):
-            span = tree.span(branch)
+    for span, given_branch in (
+        (tree.span("classify"), policy.class_log_probs),
+        (tree.moves, policy.move_log_probs),
+    ):
+        if any(mask[span]):
             expected = softmax(leaf[span], mask[span])
             assert given_branch().exp().tolist() == pytest.approx(expected, abs=1e-6)
 
@@ -117,6 +125,7 @@ def test_gradients_are_finite_though_a_branch_is_closed(head: str) -> None:
     else:
         policy = FlatCategorical(tree, leaf, mask, Epsilon(0.3, 0.2))
     loss = policy.log_prob(torch.tensor(1)) + sum(policy.entropy()) + policy.class_log_probs()[0]
+    loss = loss + policy.move_log_probs().masked_fill(~mask[3:], 0.0).sum()
     loss.backward()
     assert leaf.grad is not None
     assert leaf.grad.isfinite().all()

@@ -8,11 +8,14 @@ from pathlib import Path
 import pytest
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
+from activelsd import registry
 from activelsd.envs.actions import ActionTree
 from activelsd.errors import ConfigError, RunError
 from activelsd.policy.checkpoint import MEANING, WEIGHTS, load_network, save_network
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.policy.memories import Memory, State, cleared
 from activelsd.policy.trunks import AlexNet, Blocks, as_input
 
 TREE = ActionTree.answer_or_move(["a", "b", "c"], ["left", "right"])
@@ -20,7 +23,8 @@ TREE = ActionTree.answer_or_move(["a", "b", "c"], ["left", "right"])
 
 def network(**shape: object) -> LSDNet:
     torch.manual_seed(0)
-    return LSDNet(TREE, NetworkShape(**({"size": 32, "features": 16} | shape)))  # type: ignore[arg-type]
+    chosen = {"size": 32, "trunk_settings": {"features": 16}} | shape
+    return LSDNet(TREE, NetworkShape(**chosen))  # type: ignore[arg-type]
 
 
 def observed(length: int, batch: int, frames: int = 1, *, crops: bool = False) -> dict[str, Tensor]:
@@ -61,22 +65,52 @@ def test_blocks_are_pixels_unshuffled(channels: int, layout: torch.memory_format
         assert blocks.is_contiguous(memory_format=torch.channels_last)
 
 
-@pytest.mark.parametrize("memory", ["stack", "pool", "lstm"])
+class Places(Memory):
+    """The last views' features in a ring, and how many there were: a memory as another package may bring."""
+
+    def __init__(self, features: int, places: int) -> None:
+        super().__init__()
+        self.places, self.outputs = places, places * features
+        self.shapes = {"ring": (places, features), "seen": ()}
+
+    def forward(self, features: Tensor, state: State, first: Tensor) -> tuple[Tensor, State]:
+        outputs = []
+        for x, begins in zip(features, first, strict=True):
+            state = cleared(state, begins)
+            here = functional.one_hot(state["seen"].long() % self.places, self.places)[..., None]
+            state = {"ring": state["ring"] * (1 - here) + x[:, None] * here, "seen": state["seen"] + 1}
+            outputs.append(state["ring"].flatten(1))
+        return torch.stack(outputs), state
+
+
+@pytest.fixture(autouse=True)
+def _another_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry.memories, "_added", {"places": Places})
+
+
+SETTINGS = {"places": {"places": 2}}
+
+
+@pytest.mark.parametrize("memory", ["stack", "pool", "lstm", "places"])
 @pytest.mark.parametrize("head", ["tree", "flat"])
 @pytest.mark.parametrize("crops", [False, True])
 def test_a_rollout_is_its_steps_one_after_another(memory: str, head: str, crops: bool) -> None:
     frames = 3 if memory == "stack" else 1
-    net = network(memory=memory, head=head, frames=frames, crops=crops)
+    own = SETTINGS.get(memory, {})
+    net = network(memory=memory, memory_settings=own, head=head, frames=frames, crops=crops)
     observation = observed(5, 4, frames, crops=crops)
     first = torch.rand(5, 4, generator=torch.Generator().manual_seed(2)) < 0.3
-    start = torch.rand(4, net.memory.width, generator=torch.Generator().manual_seed(3))
+    drawn = torch.Generator().manual_seed(3)
+    start = {name: torch.rand(x.shape, generator=drawn).round() for name, x in net.initial_state(4).items()}
     with torch.no_grad():
         whole = net(observation, start, first)
         assert whole.logits.shape == (5, 4, TREE.n + (2 if head == "tree" else 0))
         assert whole.value.shape == (5, 4)
+        assert whole.features.shape == (5, 4, net.trunk.features)
+        assert whole.state.keys() == start.keys()
         # Every episode alone, every step alone, from where its memory was.
         for b in range(4):
-            state = start[b : b + 1]
+            state = {name: x[b : b + 1] for name, x in start.items()}
             for t in range(5):
                 one = {name: value[t : t + 1, b : b + 1] for name, value in observation.items()}
                 if first[t, b]:
@@ -85,7 +119,9 @@ def test_a_rollout_is_its_steps_one_after_another(memory: str, head: str, crops:
                 torch.testing.assert_close(alone.logits[0, 0], whole.logits[t, b])
                 torch.testing.assert_close(alone.value[0, 0], whole.value[t, b])
                 state = alone.state
-            torch.testing.assert_close(state[0], whole.state[b])
+            torch.testing.assert_close(
+                {name: x[0] for name, x in state.items()}, {name: x[b] for name, x in whole.state.items()}
+            )
 
 
 def test_pool_does_not_mind_the_order_of_views_and_lstm_does() -> None:
@@ -112,10 +148,13 @@ def test_first_policies_are_near_uniform_over_branches_and_leaves() -> None:
     ("shape", "sentence"),
     [
         ({"head": "bush"}, "There is no head 'bush'; choose tree or flat."),
-        ({"memory": "diary"}, "There is no memory 'diary'; choose one of stack, pool, lstm."),
-        ({"trunk": "elephant"}, "There is no trunk 'elephant'; choose compact or alexnet."),
-        ({"size": 33}, "Trunk 'compact' needs a frame size that 4 divides, not 33; set env.size=32."),
-        ({"trunk": "alexnet"}, "Trunk 'alexnet' needs frames of at least 63 px, not 32; set env.size=224."),
+        ({"memory": "diary"}, "There is no memory 'diary'; there are stack, lstm, pool, places."),
+        ({"trunk": "elephant"}, "There is no trunk 'elephant'; there are compact, alexnet."),
+        ({"size": 33}, "policy.trunk=compact needs env.size to be a multiple of 4, not 33; set env.size=32."),
+        (
+            {"trunk": "alexnet", "trunk_settings": {}},
+            "policy.trunk=alexnet needs env.size of at least 63 pixels, not 32; set env.size=224.",
+        ),
     ],
 )
 def test_what_cannot_be_built_is_one_sentence(shape: dict[str, object], sentence: str) -> None:
@@ -134,6 +173,27 @@ def test_a_network_survives_its_files(tmp_path: Path) -> None:
     assert json.loads((tmp_path / MEANING).read_text())["actions"] == TREE.to_dict()
 
 
+def test_shapes_written_by_older_versions_are_read(tmp_path: Path) -> None:
+    for trunk, settings in (("compact", {"features": 16}), ("alexnet", {})):
+        net = network(trunk=trunk, trunk_settings=settings, size=64, memory="stack")
+        save_network(net, tmp_path)
+        meaning = json.loads((tmp_path / MEANING).read_text())
+        del meaning["shape"]["trunk_settings"], meaning["shape"]["memory_settings"]
+        meaning["shape"]["features"] = 16
+        (tmp_path / MEANING).write_text(json.dumps(meaning))
+        assert load_network(tmp_path).shape == net.shape
+
+
+def test_a_part_that_is_not_installed_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_network(network(memory="places", memory_settings={"places": 3}), tmp_path)
+    assert load_network(tmp_path).memory.places == 3
+    monkeypatch.setattr(registry.memories, "_added", {})
+    with pytest.raises(RunError, match="names the memory 'places', which is not installed; install the pack"):
+        load_network(tmp_path)
+
+
 def test_broken_files_are_one_sentence(tmp_path: Path) -> None:
     save_network(network(), tmp_path)
     weights, meaning = (tmp_path / WEIGHTS).read_bytes(), (tmp_path / MEANING).read_text()
@@ -142,7 +202,7 @@ def test_broken_files_are_one_sentence(tmp_path: Path) -> None:
         load_network(tmp_path)
     (tmp_path / WEIGHTS).write_bytes(weights)
     (tmp_path / MEANING).write_text(meaning.replace('"features": 16', '"features": 8'))
-    with pytest.raises(RunError, match=f"does not fit {MEANING} beside it"):
+    with pytest.raises(RunError, match=f"does not fit the {MEANING} beside it"):
         load_network(tmp_path)
     (tmp_path / MEANING).write_text(meaning[:30])
     with pytest.raises(RunError, match="is not a network's description"):

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from activelsd.envs.actions import ActionTree
+from activelsd.errors import ConfigError
 from activelsd.train.augment import VARIATION_SIZE, Variation, kept
 
 TREE = ActionTree.answer_or_move(("cup", "vase"), ("forward", "orbit_cw_60", "orbit_ccw_60", "left", "right"))
@@ -17,7 +18,7 @@ def variation(tree: ActionTree = TREE, *, crops: bool = True, mirror: bool = Fal
     return Variation([tree], tree, torch.device("cpu"), crops=crops, mirror=mirror)
 
 
-def ways(seed: int = 0) -> Tensor:
+def variations(seed: int = 0) -> Tensor:
     return torch.rand(6, VARIATION_SIZE, generator=torch.Generator().manual_seed(seed))
 
 
@@ -32,7 +33,7 @@ def observed() -> dict[str, Tensor]:
 
 def test_crops_vary_and_nothing_else_does() -> None:
     observation = observed()
-    varied = variation().look(observation, ways())
+    varied = variation().look(observation, variations())
     assert varied["frames"] is observation["frames"]
     assert varied["target"] is observation["target"]
     crops = varied["crops"]
@@ -51,10 +52,10 @@ def test_crops_vary_and_nothing_else_does() -> None:
 def test_an_episode_varies_in_one_way() -> None:
     """Else a blocked move would be worth a second look at what is the same view."""
     some, generator = variation(), torch.Generator().manual_seed(0)
-    before = some.ways(torch.zeros(6, VARIATION_SIZE), BEGIN, generator)
-    assert torch.equal(some.ways(before, GO_ON, generator), before)
+    before = some.draw(torch.zeros(6, VARIATION_SIZE), BEGIN, generator)
+    assert torch.equal(some.draw(before, GO_ON, generator), before)
     ended = torch.tensor([True, False, False, False, False, True])
-    after = some.ways(before, ended, generator)
+    after = some.draw(before, ended, generator)
     assert (after == before).all(1).tolist() == [False, True, True, True, True, False]
     one, other = (some.look(observed(), way)["crops"] for way in (before, after))
     assert (one == other).flatten(1).all(1).tolist() == [False, True, True, True, True, False]
@@ -64,13 +65,13 @@ def test_an_episode_varies_in_one_way() -> None:
 def test_a_frame_that_stands_for_a_crop_stays_as_it_is() -> None:
     observation = observed()
     observation["target"][3] = torch.tensor([0.5, 0.5, 1.0, 1.0, 1.0])
-    crops = variation().look(observation, ways())["crops"]
+    crops = variation().look(observation, variations())["crops"]
     assert torch.equal(crops[3], observation["crops"][3])
     assert not torch.equal(crops[4], observation["crops"][4])
 
 
 def test_a_mirror_flips_pictures_boxes_and_moves() -> None:
-    plain, mirrored, drawn = variation(), variation(mirror=True), ways(3)
+    plain, mirrored, drawn = variation(), variation(mirror=True), variations(3)
     straight, seen = plain.look(observed(), drawn), mirrored.look(observed(), drawn)
     everything = torch.arange(TREE.n).repeat(6, 1)
     called = torch.stack([mirrored.actions(column, drawn) for column in everything.T], 1)
@@ -99,22 +100,40 @@ def test_a_mirror_flips_pictures_boxes_and_moves() -> None:
 def test_where_nothing_is_to_vary_nothing_is_drawn() -> None:
     """Runs of worlds without crops stay what they were, to the bit."""
     observation, generator = observed(), torch.Generator().manual_seed(0)
-    still, before, drawn = variation(crops=False), generator.get_state(), ways()
+    still, before, drawn = variation(crops=False), generator.get_state(), variations()
     assert not still.varies
-    assert still.ways(drawn, BEGIN, generator) is drawn
+    assert still.draw(drawn, BEGIN, generator) is drawn
     assert torch.equal(generator.get_state(), before)
     mask, actions = torch.ones(6, TREE.n) > 0, torch.arange(6)
     assert still.look(observation, drawn) is observation
     assert (still.mask(mask, drawn) is mask, still.actions(actions, drawn) is actions) == (True, True)
 
 
-@pytest.mark.parametrize("moves", [("rotate_cw",), ("left", "right", "orbit_ccw")])
-def test_a_world_without_the_opposite_of_a_move_is_not_mirrored(moves: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("moves", "missing"),
+    [
+        ({"navigate": ["rotate_cw"]}, "with 'rotate_cw' has no 'rotate_ccw'"),
+        ({"navigate": ["left", "right", "orbit_ccw"]}, "with 'orbit_ccw' has no 'orbit_cw'"),
+        ({"navigate": ["left"], "walk": ["right"]}, "with 'left' has no 'right'"),
+    ],
+)
+def test_mirroring_a_move_without_its_opposite_is_one_sentence(
+    moves: dict[str, list[str]], missing: str
+) -> None:
     tree = ActionTree.answer_or_move(("cup",), moves)
-    some = variation(tree, mirror=True)
-    assert torch.equal(some.look(observed(), ways())["frames"], observed()["frames"])
-    actions = torch.full((6,), tree.n - 1)
-    assert torch.equal(some.actions(actions, ways()), actions)
+    with pytest.raises(ConfigError, match=rf"{missing}; set train\.mirror=false, or add that move"):
+        variation(tree, mirror=True)
+    assert not variation(tree, crops=False).varies
+
+
+def test_moves_of_every_branch_are_mirrored_and_classes_are_not() -> None:
+    tree = ActionTree.answer_or_move(
+        ("left", "right"), {"navigate": ["cw", "ccw"], "tilt": ["up", "left", "right"]}
+    )
+    some, drawn = variation(tree, crops=False, mirror=True), torch.zeros(tree.n, VARIATION_SIZE)
+    names = [tree.names[i] for i in some.actions(torch.arange(tree.n), drawn)]
+    assert [leaf for _, leaf in names] == ["left", "right", "ccw", "cw", "up", "right", "left"]
+    assert [branch for branch, _ in names] == [branch for branch, _ in tree.names]
 
 
 def test_dropout_leaves_out_its_share_and_keeps_the_mean() -> None:

@@ -35,7 +35,7 @@ pytestmark = [  # of PyTorch about itself
     pytest.mark.filterwarnings("ignore:TensorFloat32 tensor cores"),
     pytest.mark.filterwarnings("ignore:.torch.jit.script_method. is deprecated"),
 ]
-RICH = {"mirror": True, "dropout": 0.5, "guided": 0.5}
+RICH = {"mirror": True, "dropout": 0.5, "terms": {"supervised": 1.0, "guided": 0.5}}
 
 
 def trainer(
@@ -50,7 +50,7 @@ def trainer(
     settings = TrainSettings(**{"steps": 2400, "envs": 16, "length": 5, "loggers": [], **changed})
     tree = union([tree_of(world.graph) for world in worlds])
     crops = any(world.graph.crops is not None for world in worlds)
-    shape = NetworkShape(size=worlds[0].graph.size, features=32, crops=crops)
+    shape = NetworkShape(size=worlds[0].graph.size, trunk_settings={"features": 32}, crops=crops)
     run = Run(folder) if resume else Run.create(folder, "test", "")
     actors = on_recordings(worlds, settings, frames=1, device=device)
     return Trainer(run, tree, shape, settings, actors, seed=3, device=device, resume=resume, group=group)
@@ -182,7 +182,7 @@ def test_ga3c_plays_with_a_network_on_the_gpu(tmp_path: Path) -> None:
     made = Trainer(
         Run.create(tmp_path, "test", ""),
         tree_of(graph),
-        NetworkShape(size=graph.size, features=32),
+        NetworkShape(size=graph.size, trunk_settings={"features": 32}),
         settings,
         lambda network, seed: GA3CActors(
             lambda: ViewGraphEnv(graph, PRESETS["V0"], frames=1), network, chosen, settings.length, seed

@@ -40,7 +40,9 @@ def trainer(
     worlds = [
         OpenWorld(name, graph, PRESETS["V4"]) for name, graph in zip(("rings", "rooms"), graphs, strict=False)
     ]
-    shape = NetworkShape(size=16, features=features, crops=any(graph.crops is not None for graph in graphs))
+    shape = NetworkShape(
+        size=16, trunk_settings={"features": features}, crops=any(graph.crops is not None for graph in graphs)
+    )
     chosen = TrainSettings(**(settings | changed))  # type: ignore[arg-type]
     tree = union([tree_of(graph) for graph in graphs])
     actors = on_recordings(worlds, chosen, frames=1)

@@ -31,16 +31,18 @@ def rollout_of(
     rules: str = "V4",
     dropout: float = 0.0,
     *,
-    guided: bool = False,
+    nearer: bool = False,
     **settings: Any,
 ) -> tuple[LSDNet, Rollout]:
     """A second rollout, so that episodes and memory reach over from the first."""
     graph = ring_graph()
     network = new_network(
-        tree_of(graph), NetworkShape(memory=memory, head=head, size=graph.size, features=32), 1
+        tree_of(graph),
+        NetworkShape(memory=memory, head=head, size=graph.size, trunk_settings={"features": 32}),
+        1,
     )
     env = ViewGraphVectorEnv(graph, PRESETS[rules], num_envs=6, frames=1)
-    actors = ResidentActors(env, network, settings.get("length", 5), seed=2, dropout=dropout, guided=guided)
+    actors = ResidentActors(env, network, settings.get("length", 5), seed=2, dropout=dropout, nearer=nearer)
     actors.collect(Epsilon(0.5, 0.5))
     return network, actors.collect(Epsilon(0.5, 0.5))
 
@@ -56,7 +58,7 @@ def test_kept_acting_pass_gives_the_gradient_of_a_pass_of_its_own(
     gradients = []
     for given in (rollout, replace(rollout, output=None)):
         network.zero_grad()
-        learner.losses(given, NOW).total.backward()  # type: ignore[no-untyped-call]
+        learner.losses(given, NOW)["total"].backward()  # type: ignore[no-untyped-call]
         gradients.append([p.grad.clone() for p in network.parameters() if p.grad is not None])
     assert any(float(g.abs().max()) > 0 for g in gradients[0])
     for kept, again in zip(*gradients, strict=True):
@@ -86,9 +88,11 @@ def test_guided_moves_lead_nearer_also_in_a_mirror() -> None:
     """What a rollout calls nearer is, as its environment takes it, a move on a shortest way."""
     graph = room_graph(rooms=4, size=16)
     graph = replace(graph, move_names=("forward", "backward", "left", "right"))
-    network = new_network(tree_of(graph), NetworkShape(size=graph.size, features=8, crops=True), 1)
+    network = new_network(
+        tree_of(graph), NetworkShape(size=graph.size, trunk_settings={"features": 8}, crops=True), 1
+    )
     env = ViewGraphVectorEnv(graph, replace(PRESETS["V4"], try_again=True), num_envs=32, frames=1)
-    actors = ResidentActors(env, network, 1, seed=2, mirror=True, guided=True)
+    actors = ResidentActors(env, network, 1, seed=2, mirror=True, nearer=True)
     away, moves = moves_to_go(graph), network.tree.span(NAVIGATE)
     found = 0
     for _ in range(20):
@@ -106,8 +110,8 @@ def test_guided_moves_lead_nearer_also_in_a_mirror() -> None:
             found += int(flipped and nearer[2] != nearer[3])
     assert found > 10
     assert not rollout.nearer[..., : moves.start].any()
-    assert rollout_of(guided=True)[1].nearer is not None
-    assert not rollout_of(guided=True)[1].nearer.any(), "there are no boxes on a ring"  # type: ignore[union-attr]
+    assert rollout_of(nearer=True)[1].nearer is not None
+    assert not rollout_of(nearer=True)[1].nearer.any(), "there are no boxes on a ring"  # type: ignore[union-attr]
 
 
 def test_learning_rate_falls_linearly_to_zero() -> None:
@@ -135,7 +139,7 @@ def test_rewards_are_clipped() -> None:
     clipped = Learner(network, TrainSettings(reward_clip=1.0)).losses(big, NOW)
     plain = Learner(network, TrainSettings()).losses(rollout, NOW)
     assert rollout.rewards.abs().sum() > 0
-    assert clipped.value.item() == pytest.approx(plain.value.item())
+    assert clipped["value"].item() == pytest.approx(plain["value"].item())
 
 
 def test_a_cut_episode_is_valued_on_only_when_asked() -> None:
@@ -143,7 +147,7 @@ def test_a_cut_episode_is_valued_on_only_when_asked() -> None:
     assert bool(rollout.truncated.any())
     off = Learner(network, TrainSettings(bootstrap_at_limit=False)).losses(rollout, NOW)
     on = Learner(network, TrainSettings(bootstrap_at_limit=True)).losses(rollout, NOW)
-    assert off.value.item() != pytest.approx(on.value.item(), rel=1e-6)
+    assert off["value"].item() != pytest.approx(on["value"].item(), rel=1e-6)
 
 
 def test_repeated_steps_on_one_rollout_learn_its_labels() -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from activelsd.envs.actions import ActionTree
-from activelsd.policy.heads import FlatCategorical, TreeCategorical
+from activelsd.policy.heads import TreeCategorical
 from activelsd.train.losses import Weights, a3c_losses, n_step_returns
 
 
@@ -44,9 +44,9 @@ def test_loss_of_one_step_worked_out_by_hand() -> None:
     leaf = torch.tensor([[[math.log(4.0), 0.0, 0.0, 0.0]]], requires_grad=True)
     value = torch.tensor([[0.25]], requires_grad=True)
     distribution = TreeCategorical(tree, branch, leaf, torch.ones(1, 1, 4, dtype=torch.bool))
-    weights = Weights(value=0.5, entropy_branch=0.1, entropy_leaf=0.01, supervised=2.0)
+    weights = Weights(value=0.5, entropy_branch=0.1, entropy_leaf=0.01)
     zero = torch.zeros(1, 1, dtype=torch.int64)
-    losses = a3c_losses(distribution, value, zero, torch.ones(1, 1), zero, weights)
+    losses = a3c_losses(distribution, value, zero, torch.ones(1, 1), weights)
 
     policy = -(math.log(3 / 4) + math.log(4 / 5)) * (1.0 - 0.25)
     h_branch = -(3 / 4) * math.log(3 / 4) - (1 / 4) * math.log(1 / 4)
@@ -55,42 +55,13 @@ def test_loss_of_one_step_worked_out_by_hand() -> None:
     assert losses.value.item() == pytest.approx(0.5 * 0.75**2)
     assert losses.entropy_branch.item() == pytest.approx(h_branch)
     assert losses.entropy_leaf.item() == pytest.approx(h_leaf)
-    assert losses.supervised.item() == pytest.approx(-math.log(4 / 5))
-    total = policy + 0.5 * 0.5 * 0.75**2 - 0.1 * h_branch - 0.01 * h_leaf + 2.0 * -math.log(4 / 5)
+    total = policy + 0.5 * 0.5 * 0.75**2 - 0.1 * h_branch - 0.01 * h_leaf
     assert losses.total.item() == pytest.approx(total)
 
     losses.total.backward()  # type: ignore[no-untyped-call]
     assert value.grad is not None
     # d/dV of weight * (R - V)^2 / 2; the policy's (R - V) is held fixed.
     assert value.grad.item() == pytest.approx(-0.5 * 0.75)
-
-
-@pytest.mark.parametrize("head", [TreeCategorical, FlatCategorical])
-def test_guided_moves_are_learned_and_nothing_else(head: type[TreeCategorical | FlatCategorical]) -> None:
-    """-log of the share that nearer moves have of all, where one is legal; the mean over all steps."""
-    tree = ActionTree.answer_or_move(["a", "b"], ["left", "right", "on"])
-    leaf = torch.tensor([0.3, -0.2, math.log(4.0), 0.0, math.log(3.0)]).repeat(4, 1, 1).requires_grad_()
-    branch = torch.zeros(4, 1, 2, requires_grad=True)
-    mask = torch.ones(4, 1, 5, dtype=torch.bool)
-    mask[2, 0, 2] = False  # the only move that is nearer is blocked
-    mask[3, 0, 2:] = False  # no move at all, as at the last view
-    nearer = torch.tensor([[1, 1, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0]], dtype=torch.bool)[:, None]
-    distribution = (
-        TreeCategorical(tree, branch, leaf, mask)
-        if head is TreeCategorical
-        else FlatCategorical(tree, leaf, mask)
-    )
-    zero = torch.zeros(4, 1, dtype=torch.int64)
-    weights = Weights(value=0.0, entropy_branch=0.0, entropy_leaf=0.0, supervised=0.0, guided=2.0)
-    value = torch.zeros(4, 1)
-    losses = a3c_losses(distribution, value, zero, value, zero, weights, nearer=nearer)
-    assert losses.guided.item() == pytest.approx(-math.log(5 / 8) / 4)
-    assert losses.total.item() == pytest.approx(2 * losses.guided.item())
-    losses.total.backward()  # type: ignore[no-untyped-call]
-    assert leaf.grad is not None
-    torch.testing.assert_close(leaf.grad[0, 0], torch.tensor([0, 0, 4 / 8 - 4 / 5, 1 / 8 - 1 / 5, 3 / 8]) / 2)
-    assert not leaf.grad[1:].any()
-    assert branch.grad is None or not branch.grad.any()
 
 
 def test_a_better_outcome_than_valued_makes_the_action_likelier() -> None:
@@ -105,8 +76,7 @@ def test_a_better_outcome_than_valued_makes_the_action_likelier() -> None:
             torch.zeros(1, 1),
             action,
             torch.full((1, 1), advantage),
-            torch.zeros(1, 1, dtype=torch.int64),
-            Weights(0.0, 0.0, 0.0, 0.0),
+            Weights(0.0, 0.0, 0.0),
         )
         losses.total.backward()  # type: ignore[no-untyped-call]
         assert branch.grad is not None

@@ -33,15 +33,15 @@ UPDATES = (0.0, 0.3, 0.6)
 TOP = Path(__file__).parents[2]
 WORDS = (
     "env=modelnet", "env.dataset.classes=[cup,vase]", "env.dataset.train_per_class=4", "env.size=32",
-    "env.dataset.test_per_class=1", "train.envs=4", "policy.features=16", "train.loggers=[]", "threads=1",
-    "train.checkpoint_every=400",
+    "env.dataset.test_per_class=1", "train.envs=4", "policy.trunk.features=16", "train.loggers=[]",
+    "threads=1", "train.checkpoint_every=400",
 )  # fmt: skip
 
 
 def some_rollout() -> tuple[LSDNet, Rollout]:
     """The same in every process."""
     graph = ring_graph()
-    network = new_network(tree_of(graph), NetworkShape(size=graph.size, features=32), 1)
+    network = new_network(tree_of(graph), NetworkShape(size=graph.size, trunk_settings={"features": 32}), 1)
     env = ViewGraphVectorEnv(graph, PRESETS["V4"], num_envs=6, frames=1)
     actors = ResidentActors(env, network, 5, seed=2)
     actors.collect(Epsilon(0.5, 0.5))

@@ -20,7 +20,7 @@ from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.joint import OpenWorld
 from activelsd.errors import RunError, TrainingError
-from activelsd.policy.checkpoint import load_network
+from activelsd.policy.checkpoint import load_network, save_tensors
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import NetworkShape
 from activelsd.train.actors.resident import on_recordings
@@ -45,7 +45,7 @@ def trainer(
     return Trainer(
         run,
         tree_of(graph),
-        NetworkShape(memory=memory, size=graph.size, features=32, frames=frames),
+        NetworkShape(memory=memory, size=graph.size, trunk_settings={"features": 32}, frames=frames),
         chosen,
         on_recordings([OpenWorld("rings", graph, PRESETS["V4"])], chosen, frames=frames, device=device),
         seed=seed,
@@ -94,10 +94,11 @@ def test_bfloat16_learns_from_about_the_same_losses(tmp_path: Path, memory: str)
     rollout = full.actors.collect(Epsilon(0.5, 0.5))
     with torch.autocast("cpu", torch.bfloat16):
         output = half.learner.output(replace(rollout, output=None))
-    assert {part.dtype for part in output} == {torch.float32}
+    parts = (output.logits, output.value, output.features, *output.state.values())
+    assert {part.dtype for part in parts} == {torch.float32}
     expected = full.learner.losses(rollout, full.settings.at(0.0))
     found = half.learner.losses(replace(rollout, output=output), half.settings.at(0.0))
-    assert not torch.equal(found.total, expected.total)  # else nothing was of bfloat16
+    assert not torch.equal(found["total"], expected["total"])  # else nothing was of bfloat16
     torch.testing.assert_close(found, expected, rtol=0.02, atol=0.02)
     # The trainer's own updates are of bfloat16, and what they change is of full precision.
     for one in (full, half):
@@ -105,6 +106,25 @@ def test_bfloat16_learns_from_about_the_same_losses(tmp_path: Path, memory: str)
     weights = [dict(one.network.named_parameters())["policy.weight"] for one in (full, half)]
     assert {w.dtype for w in weights} == {torch.float32}
     assert not torch.equal(*weights)
+
+
+@pytest.mark.parametrize("memory", ["stack", "lstm", "pool"])
+def test_checkpoints_of_older_versions_resume(tmp_path: Path, memory: str) -> None:
+    """They hold the memory's state as one tensor, and the width of the compact trunk beside its name."""
+    run = new_run(tmp_path)
+    whole = trainer(run, memory, steps=480)
+    whole.train()
+    tensors, _ = run.load_training()
+    state = [tensors.pop(f"actors/memory/{name}") for name in whole.network.memory.shapes]
+    tensors["actors/memory"] = torch.cat(state, 1) if state else torch.zeros(8, 0)
+    save_tensors(tensors, run.checkpoint / "training.safetensors")
+    meaning = json.loads((run.checkpoint / "network.json").read_text())
+    del meaning["shape"]["memory_settings"]
+    meaning["shape"]["features"] = meaning["shape"].pop("trunk_settings")["features"]
+    (run.checkpoint / "network.json").write_text(json.dumps(meaning))
+    resumed = trainer(run, memory, steps=480, resume=True)
+    assert_same(whole.actors.state(), resumed.actors.state())
+    assert_same(whole.learner.state(), resumed.learner.state())
 
 
 COMPILED = """
@@ -210,7 +230,7 @@ def test_it_learns_to_look_before_it_answers(tmp_path: Path) -> None:
     graph = ring_graph(objects=12, classes=3, telling=(3, 4, 5))
     run = new_run(tmp_path)
     settings = TrainSettings(steps=60_000, envs=32, learning_rate=2e-3, log_every=5_000, loggers=[])
-    shape = NetworkShape(size=graph.size, features=64)
+    shape = NetworkShape(size=graph.size, trunk_settings={"features": 64})
     actors = on_recordings([OpenWorld("rings", graph, PRESETS["V4"])], settings, frames=1)
     Trainer(run, tree_of(graph), shape, settings, actors, seed=0).train()
     last = json.loads((run.folder / "metrics.jsonl").read_text().splitlines()[-1])

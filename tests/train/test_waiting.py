@@ -21,6 +21,7 @@ from activelsd.train.actors.resident import ResidentActors
 from activelsd.train.learner import Learner
 from activelsd.train.settings import Annealed, TrainSettings
 from activelsd.train.statistics import Statistics, counts
+from activelsd.train.terms import needs_nearer
 from tests.graphs import ring_graph, room_graph
 
 WORLDS = {
@@ -64,12 +65,14 @@ def _on_meta(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_on_meta")
 @pytest.mark.parametrize("world", sorted(WORLDS))
-@pytest.mark.parametrize("changed", [{}, {"mirror": True, "dropout": 0.5, "guided": 0.5}], ids=str)
+@pytest.mark.parametrize(
+    "changed", [{}, {"mirror": True, "dropout": 0.5, "terms": {"supervised": 1.0, "guided": 0.5}}], ids=str
+)
 @pytest.mark.parametrize("annealed", ["numbers", "tensors"])
 def test_nothing_waits_for_the_device(world: str, changed: dict[str, Any], annealed: str) -> None:
     settings = TrainSettings(**changed)
     env = play_recordings(WORLDS[world], num_envs=8, frames=1, device="meta")
-    shape = NetworkShape(memory="pool", size=16, crops=world != "rings", features=32)
+    shape = NetworkShape(memory="pool", size=16, crops=world != "rings", trunk_settings={"features": 32})
     network = LSDNet(env.tree, shape).to("meta")
     actors = ResidentActors(
         env,
@@ -79,7 +82,7 @@ def test_nothing_waits_for_the_device(world: str, changed: dict[str, Any], annea
         vary_crops=settings.vary_crops,
         mirror=settings.mirror,
         dropout=settings.dropout,
-        guided=settings.guided > 0,
+        nearer=needs_nearer(settings.terms),
     )
     learner, statistics, now = Learner(network, settings), Statistics(actors.places), settings.at(0.1)
     if annealed == "tensors":  # all but the optimiser's, which takes one in a CUDA graph only

@@ -1,4 +1,4 @@
-"""Boxes around what is seen of each instance, and how hard the Active Vision Dataset calls them."""
+"""Boxes around the visible part of each instance, with the Active Vision Dataset's difficulty."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
 FULL_WIDTH = 1920
-"""Pixels of the photographs that the rule of difficulty is for; for others its sides scale with the width."""
+"""Width in pixels that the rule of difficulty is for; its sides scale with the width of other photographs."""
 
 DIFFICULTIES = ((300, 100), (200, 75), (100, 50), (50, 30))
 """Least larger and smaller side of boxes of difficulty 1 to 4; all others are 5."""
 
 LEAST_PIXELS = 200
-"""Visible, at full width, below which an instance has no box."""
+"""Visible pixels, at full width, below which an instance has no box."""
 
 Box = list[int]
 """xmin, ymin, xmax, ymax, instance id, difficulty; the maxima are one past the last visible pixel."""
 
 
 def visible_boxes(instances: NDArray[np.int32]) -> list[Box]:
-    """Boxes of the instances that are seen well enough, in order of id.
+    """Boxes of the instances with enough visible pixels, in order of id.
 
     Args:
         instances: (H, W) id of the instance at every pixel, 0 for none.

@@ -1,11 +1,17 @@
-"""What kind of thing an instance is, by its name.
+"""Maps an instance's name to a category.
 
-The data set has no categories; these are ours, over its 33 grocery products. The names were written down
-without the data at hand, so they go by how a name begins, and a name that is not listed is of the category
-that its first word says. That is also how sample scans name theirs: `CATEGORY_…`.
+The data set has no categories; these are ours, for its 33 grocery products. They were written without access
+to the data, so they match the beginning of a name. The category of any other name is its first word, which is
+also how sample scans name their instances: `CATEGORY_…`.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from activelsd.envs.viewgraph import ViewGraph
 
 PRODUCTS: dict[str, tuple[str, ...]] = {
     "medicine": ("advil", "pepto_bismol"),
@@ -26,7 +32,7 @@ PRODUCTS: dict[str, tuple[str, ...]] = {
     "snack": ("pop_secret", "pringles"),
     "tableware": ("paper_", "red_cup"),
 }
-"""Category to how the names of its products begin."""
+"""For each category, the beginnings of its products' names."""
 
 
 def category_of(instance: str) -> str:
@@ -35,3 +41,11 @@ def category_of(instance: str) -> str:
         if instance.startswith(beginnings):
             return category
     return instance.partition("_")[0]
+
+
+def by_category(graph: ViewGraph) -> ViewGraph:
+    """The graph with categories for classes, in order of name."""
+    categories = [category_of(instance) for instance in graph.classes]
+    names = sorted(set(categories))
+    of_class = np.array([names.index(category) for category in categories])
+    return replace(graph, classes=tuple(names), labels=of_class[graph.labels])

@@ -1,16 +1,21 @@
-"""Where scans come from: a folder of the Active Vision Dataset, or sample scans made here on first use."""
+"""Finds scans in a folder of the Active Vision Dataset, or makes sample scans on first use."""
 
 from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from activelsd.envs.avd.scan import ANNOTATIONS, PHOTOGRAPHS, check_release
+from activelsd.envs.avd.settings import ScansSettings
 from activelsd.envs.avd.splits import PUBLISHED, TEST_SCANS
 from activelsd.envs.cache import alone, writing
+from activelsd.envs.digest import code_digest
+from activelsd.envs.settings import Progress
 from activelsd.errors import DataError
+
+SAMPLE_NOTE = "sample.json"
+"""What the writer of sample scans leaves beside them."""
 
 _NAME = re.compile(r"[A-Za-z]+_\d+_\d+")
 
@@ -19,7 +24,7 @@ def scans_in(root: Path) -> dict[str, Path]:
     """The scan folders of a root by name, in order of name.
 
     Raises:
-        DataError: there is none, or only scans of the older release.
+        DataError: there is no scan, or only scans of the older release.
     """
     try:
         folders = sorted(path for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
@@ -49,42 +54,37 @@ def _is_scan(folder: Path) -> bool:
     return (folder / PHOTOGRAPHS).is_dir() or (folder / ANNOTATIONS).exists()
 
 
-def sample_scans(
-    cache: Path,
-    *,
-    split: str,
-    scans: Sequence[str] | None,
-    width: int,
-    height: int,
-    seed: int,
-    progress: Callable[[int, int], None] | None,
-) -> Path:
+def is_sample(path: Path | None) -> bool:
+    """Whether the scans at a path were rendered here; without a path they will be."""
+    return path is None or (path / SAMPLE_NOTE).exists()
+
+
+def sample_scans(settings: ScansSettings, cache: Path, *, progress: Progress | None = None) -> Path:
     """The folder of sample scans in a cache, made unless they are there.
 
-    Its name carries a digest of its scans and of the code that draws them, so a change makes another.
+    Its name carries a digest of its scans and of the code that draws them, so a change makes another. If
+    another process is making them, this one waits for it.
 
     Args:
-        cache: where samples are kept.
-        split: a published split asks for all of its scans.
-        scans: names of those to make; None for the split's, or twenty.
-        width: of the photographs, in pixels.
-        height: of the photographs, in pixels.
-        seed: draws homes and things.
+        settings: which scans; a published split asks for all of its own.
+        cache: folder for the samples.
         progress: called with what is done and what there is in all.
     """
-    # Rooms and embree, which real scans do without.
+    # Real scans do not need rooms and embree.
     from activelsd.envs.avd.homes import DEFAULT_SCANS
-    from activelsd.envs.avd.writer import code_digest, write_sample
+    from activelsd.envs.avd.writer import write_sample
 
-    names = tuple(scans or (PUBLISHED if split in TEST_SCANS else DEFAULT_SCANS))
-    digest = hashlib.sha256(" ".join([*names, code_digest()]).encode()).hexdigest()[:8]
+    width, height, seed = settings.width, settings.height, settings.seed
+    names = settings.scans or (PUBLISHED if settings.split in TEST_SCANS else DEFAULT_SCANS)
+    made_by = code_digest("activelsd.envs.avd.writer")
+    digest = hashlib.sha256(" ".join([*names, made_by]).encode()).hexdigest()[:8]
     root = cache / f"avd-sample-{width}x{height}-seed{seed}-{digest}"
     if root.is_dir():
         return root
-    with writing(cache):
-        cache.mkdir(parents=True, exist_ok=True)
     with alone(root):
-        # Under its own name only when it is whole; what an interruption leaves, the writer goes on with.
+        if root.is_dir():  # another process has made it meanwhile
+            return root
+        # It gets its own name when it is whole; the writer goes on with what an interruption leaves.
         partial = root.with_name(root.name + ".partial")
         write_sample(partial, scans=names, width=width, height=height, seed=seed, progress=progress)
         with writing(cache):

@@ -1,4 +1,4 @@
-"""The homes of the sample: what is recorded where, as rooms that stand in for the Active Vision Dataset's.
+"""The homes of the sample scans: rooms that stand in for the Active Vision Dataset's, and what is in them.
 
 A home is one furnished room. Its scans share the furniture and differ in where the instances stand.
 """
@@ -22,7 +22,7 @@ from activelsd.scenery.rooms.room_renderer import Camera, Picture, RoomRenderer
 from activelsd.scenery.rooms.smallthings import KINDS, small_thing
 
 DEFAULT_SCANS: tuple[str, ...] = tuple(f"Home_{home:03d}_1" for home in range(1, 21))
-"""Small homes, and many: with few an agent learns by heart where in them each instance stands."""
+"""Many small homes: with few of them an agent memorises where each instance stands."""
 
 _COUNTS = {
     "book": 3, "bottle": 4, "bowl": 2, "box": 4, "can": 4, "carton": 4, "cup": 4, "laptop": 1, "radio": 1,
@@ -40,8 +40,8 @@ HEADINGS = 12
 MOVES = ("rotate_ccw", "rotate_cw", "forward", "backward", "left", "right")
 
 _TURNED = {"forward": 0, "left": 90, "backward": 180, "right": 270}  # degrees from the heading
-_STANDING = 24  # instances in a scan, following one another in INSTANCES, so that there are look-alikes
-_STRIDE = 14  # by which those of the next home begin further: homes 1 to 5 have each instance twice or more
+_STANDING = 24  # instances in a scan, consecutive in INSTANCES, so that some look alike
+_STRIDE = 14  # offset of the next home's: homes 1 to 5 have each instance twice or more
 _CLUTTER = 2  # other small things in a scan
 _STEP, _RADIUS = 0.3, 0.2  # metres
 _FREE = (34, 48)  # points of the grid
@@ -52,7 +52,7 @@ _PLACES = ("Home", "Office", "Gen")
 
 
 class ScanName(NamedTuple):
-    """A scan's name, taken apart."""
+    """The parts of a scan's name."""
 
     place: int  # 0 Home, 1 Office, 2 Gen
     scene: int
@@ -84,14 +84,14 @@ class Home:
     """A scan's room, ready to be photographed.
 
     Attributes:
-        room: what stands where.
+        room: the furniture and things with their places.
         lattice: the points that are photographed, each in all headings.
         instance_of: int32 (things + 1,), the id of the instance that a thing is, 0 for others; the last entry
             is for NOTHING.
     """
 
     def __init__(self, name: str, seed: int) -> None:
-        """Furnish it and put the instances out. Raises ConfigError where it cannot be a scan's name."""
+        """Furnish it and put the instances out. Raises ConfigError if the name cannot be a scan's."""
         scan = parsed(name)
         home = (seed, scan.place, scan.scene)
         small = _instances(scan) + _clutter((*home, scan.scan))
@@ -118,7 +118,7 @@ class Home:
         return self._renderer.look(camera)
 
     def move(self, point: int, heading: int, move: str) -> tuple[int, int] | None:
-        """Point and heading that a move leads to, None where it is blocked.
+        """Point and heading that a move leads to, None if it is blocked.
 
         A step goes along the axis of the grid that is nearest to its direction, never more than 30 degrees
         off it; so each step can be taken back, and three headings share a way.
@@ -146,13 +146,13 @@ def _furnished(home: tuple[int, ...]) -> Room:
 
 
 def _instances(scan: ScanName) -> list[Model]:
-    """Those that stand in a scan: another of the same home goes on where the first ends."""
+    """The instances in a scan; the next scan of the same home has those that follow."""
     first = _STRIDE * scan.scene + _STANDING * (scan.scan - 1) + scan.place
     things = [(kind, number) for kind, count in _COUNTS.items() for number in range(count)]
     return [small_thing(*things[(first + i) % len(things)]) for i in range(_STANDING)]
 
 
 def _clutter(seed: tuple[int, ...]) -> list[Model]:
-    """Things of families that no instance belongs to."""
+    """Things of kinds that no instance has."""
     rng = np.random.default_rng(seed)
     return [small_thing(str(rng.choice(KINDS)), int(rng.integers(4, 16))) for _ in range(_CLUTTER)]

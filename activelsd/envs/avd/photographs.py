@@ -1,4 +1,4 @@
-"""Photographs of a scan, read from JPEG in gray."""
+"""Reads the photographs of a scan: JPEG, in gray."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def read_photograph(path: Path) -> NDArray[np.uint8]:
     Raises:
         DataError: it is missing, cut short, or no JPEG.
     """
-    # OpenCV reports a damaged file on stderr by itself, in lines that mean nothing to a user.
+    # OpenCV reports a damaged file on stderr by itself, in lines that do not help a user.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         data = path.read_bytes()
-        # What a short file lacks OpenCV would fill with gray and say nothing.
+        # OpenCV would fill the missing part of a short file with gray and report nothing.
         whole = data.startswith(_START) and _END in data[-512:]
         flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if whole else None

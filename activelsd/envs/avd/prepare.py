@@ -1,15 +1,14 @@
-"""Scans into a cached view graph, photograph by photograph, going on where an earlier attempt stopped."""
+"""Makes a cached view graph from scans, photograph by photograph, and resumes an interrupted attempt."""
 
 from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from importlib import resources
+from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,6 @@ from activelsd.envs.avd.photographs import read_photograph
 from activelsd.envs.avd.scan import (
     ANNOTATIONS,
     INSTANCES,
-    MOVES,
     PHOTOGRAPHS,
     POSES,
     PRESENT,
@@ -27,17 +25,16 @@ from activelsd.envs.avd.scan import (
     read_instances,
     read_scan,
 )
-from activelsd.envs.cache import CacheError, PartialGraph, cache_file, make_once
+from activelsd.envs.avd.settings import MOVES
+from activelsd.envs.cache import Pictures, cache_file, fill, make_once
 from activelsd.envs.cores import cores
 from activelsd.envs.crops import cut_out, squashed
+from activelsd.envs.digest import code_digest
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import DataError
 
-Pictures = tuple[NDArray[np.uint8], NDArray[np.uint8]]
-"""A photograph's frame (S, S), and the crops (p, S, S) of the boxes in it."""
-
 _AHEAD = 2
-"""Photographs under way per thread: what bounds memory, at a few MB each."""
+"""Photographs in progress per thread; this limits memory, at a few MB each."""
 
 
 def prepare(
@@ -52,8 +49,8 @@ def prepare(
 
     Its name carries a digest of name, size and time of every file it is made from, and of the code that makes
     it. Every scan is a scene, every instance in it a target named `SCAN/INSTANCE`, with the data set's
-    instances as classes; all six moves are in it. Its starts are the views that show a target, in no split
-    but the first: `env.avd_graph` chooses among them.
+    instances as classes; all six moves are in it. Its starts are the views that show a target, all in the
+    first split: `AVDSettings.graph` chooses among them.
 
     Args:
         folders: of the scans, of one root.
@@ -66,21 +63,23 @@ def prepare(
         The path of a file that `viewgraph.load_graph` reads.
 
     Raises:
-        DataError: a scan is broken, or the cache cannot be written or is being prepared elsewhere. After a
-            broken scan nothing stays behind; after anything else, KeyboardInterrupt included, what is done
-            stays and is gone on with next time.
+        DataError: a scan is broken, or the cache cannot be written. See `cache.fill` for what stays.
     """
     root = folders[0].parent
-    key = {"scans": {path.name: _stamp(path) for path in folders}, "size": size, "code": _code()}
-    key["instances"] = _stamp_of([root / INSTANCES])
+    stamps = {path.name: _stamp(path) for path in folders}
+    data = {"scans": stamps, "instances": _stamp_of([root / INSTANCES])}
+    key = data | {"size": size, "code": code_digest(__name__)}
     path = cache_file(cache, root.resolve().name, size, key)
 
-    def fill() -> None:
+    def make() -> None:
         instances = read_instances(root)
         scans = [read_scan(folder, instances) for folder in folders]
-        _fill(scans, _without_pictures(scans, instances, size), path, key, workers, progress)
+        boxes = np.concatenate([np.bincount(scan.box_view, minlength=len(scan.files)) for scan in scans])
+        ends = {"frames": np.arange(1, len(boxes) + 1), "crops": np.cumsum(boxes)}
+        decoded = partial(_decoded, scans, size=size, workers=workers or cores())
+        fill(path, _without_pictures(scans, instances, size), key, ends, decoded, progress=progress)
 
-    return make_once(path, key, fill)
+    return make_once(path, key, make)
 
 
 def _stamp(folder: Path) -> str:
@@ -95,7 +94,7 @@ def _stamp(folder: Path) -> str:
 
 
 def _stamp_of(files: Sequence[Path]) -> str:
-    """A digest of files' names, sizes and times; what is missing is said by who reads it."""
+    """A digest of files' names, sizes and times; a missing file is reported when it is read."""
     digest = hashlib.sha256()
     for file in files:
         if file.exists():
@@ -104,56 +103,26 @@ def _stamp_of(files: Sequence[Path]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _code() -> str:
-    """A digest of the modules that make what is cached."""
-    package = resources.files("activelsd.envs")
-    sources = (
-        package / name for name in ("avd/scan.py", "avd/photographs.py", "avd/prepare.py", "pictures.py")
-    )
-    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
-
-
-def _fill(
-    scans: Sequence[Scan],
-    graph: ViewGraph,
-    path: Path,
-    key: dict[str, Any],
-    workers: int | None,
-    progress: Callable[[int, int], None] | None,
-) -> None:
-    report = progress or (lambda done, total: None)
-    boxes = np.concatenate([np.bincount(scan.box_view, minlength=len(scan.files)) for scan in scans])
-    ends = {"frames": np.arange(1, len(boxes) + 1), "crops": np.cumsum(boxes)}
-    partial = PartialGraph(path, graph, key, ends)
-    try:
-        todo = ~partial.done
-        done, total = int(partial.done.sum()), len(todo)
-        report(done, total)
-        for view, (frame, crops) in _decoded(scans, todo, graph.size, workers or cores()):
-            partial.write(view, frames=frame, crops=crops)
-            done += 1
-            report(done, total)
-    except BaseException as error:
-        partial.leave(keep=isinstance(error, CacheError) or not isinstance(error, DataError))
-        raise
-    partial.finish()
-
-
 def _decoded(
-    scans: Sequence[Scan], todo: NDArray[np.bool_], size: int, workers: int
-) -> Iterator[tuple[int, Pictures]]:
-    """The pictures of the views that `todo` (V,) asks for, in order; OpenCV works outside Python's lock."""
-    views = ((i, view) for i, view in enumerate(_views(scans)) if todo[i])
+    scans: Sequence[Scan], todo: Sequence[int], *, size: int, workers: int
+) -> Generator[tuple[int, Pictures], None, None]:
+    """The pictures of views by their numbers, in order.
+
+    By threads, since OpenCV releases Python's lock: processes are no faster at 1920 x 1080 pixels, and take
+    longer for small photographs.
+    """
+    views = list(_views(scans))
+    left = iter(todo)
     with ThreadPoolExecutor(workers) as pool:
         under_way: deque[tuple[int, Future[Pictures]]] = deque()
         try:
-            for number, (scan, view) in islice(views, workers * _AHEAD):
-                under_way.append((number, pool.submit(_pictures, scan, view, size)))
+            for number in islice(left, workers * _AHEAD):
+                under_way.append((number, pool.submit(_pictures, *views[number], size)))
             while under_way:
                 number, future = under_way.popleft()
                 yield number, future.result()
-                for following, (scan, view) in islice(views, 1):
-                    under_way.append((following, pool.submit(_pictures, scan, view, size)))
+                for following in islice(left, 1):
+                    under_way.append((following, pool.submit(_pictures, *views[following], size)))
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -165,6 +134,7 @@ def _views(scans: Sequence[Scan]) -> Iterator[tuple[Scan, int]]:
 
 
 def _pictures(scan: Scan, view: int, size: int) -> Pictures:
+    """A photograph's frame (S, S), and the crops (p, S, S) of the boxes in it."""
     file = scan.files[view]
     photograph = read_photograph(file)
     if photograph.shape != (scan.height, scan.width):
@@ -177,11 +147,11 @@ def _pictures(scan: Scan, view: int, size: int) -> Pictures:
     crops = np.empty((end - first, size, size), np.uint8)
     for i, box in enumerate(scan.boxes[first:end]):
         crops[i] = cut_out(photograph, box, size)
-    return squashed(photograph, size), crops
+    return {"frames": squashed(photograph, size), "crops": crops}
 
 
 def _without_pictures(scans: Sequence[Scan], instances: dict[str, int], size: int) -> ViewGraph:
-    """The graph of the scans; its frames and crops are zeros that take no room."""
+    """The graph of the scans; its frames and crops are zeros that take no memory."""
     ids, names = np.array(list(instances.values())), tuple(instances)
     views, boxes = sum(len(scan.files) for scan in scans), sum(len(scan.boxes) for scan in scans)
     if not boxes:

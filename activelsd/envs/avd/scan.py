@@ -1,8 +1,8 @@
-"""Reads one scan folder of the Active Vision Dataset's current release: what is seen, and where moves lead.
+"""Reads one scan folder of the Active Vision Dataset's current release: photographs, boxes and moves.
 
 Format (Ammirato et al., ICRA 2017, and the data set's page): photographs in `jpg_rgb`, boxes and moves in
-`annotations.json`, poses in `image_structs.mat`. The format promises nothing about its graph, so photographs
-are known by file name only, and never by arithmetic on it.
+`annotations.json`, poses in `image_structs.mat`. The format does not define what file names mean, so names
+are only looked up, never computed.
 """
 
 from __future__ import annotations
@@ -18,57 +18,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activelsd.envs.avd.photographs import read_photograph
+from activelsd.envs.avd.settings import MOVES
 from activelsd.errors import DataError, did_you_mean
 
-MOVES = ("forward", "backward", "left", "right", "rotate_cw", "rotate_ccw")
 PHOTOGRAPHS, ANNOTATIONS, POSES = "jpg_rgb", "annotations.json", "image_structs.mat"
 PRESENT, INSTANCES = "present_instance_names.txt", "instance_id_map.txt"
 BACKGROUND = "background"
 
 MOST_BYTES, MOST_ENTRIES = 64 * 2**20, 100_000
-"""Beyond what a scan's text can be: the largest has some 2,400 photographs described in a few MB."""
+"""Limits for a scan's text files; the largest scan describes about 2,400 photographs in a few MB."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scan:
-    """V photographs of one walk, P boxes in them, view after view. See the field comments for shapes."""
+    """V photographs of one scan and P boxes in them, in the order of the views. Shapes: see the fields."""
 
     name: str
-    files: tuple[Path, ...]  # V photographs, in order of name
+    files: tuple[Path, ...]  # V photographs, sorted by name
     width: int  # of every photograph, in pixels
     height: int
-    moves: NDArray[np.int32]  # (V, 6) view that each of MOVES leads to, -1 where it is blocked
-    poses: NDArray[np.float32]  # (V, 3) metres x and z, heading in degrees; NaN where unknown
-    box_view: NDArray[np.int32]  # (P,) in ascending order
-    box_instance: NDArray[np.int32]  # (P,) ids of the instance map; no instance has two boxes in a view
+    moves: NDArray[np.int32]  # (V, 6) view that each of MOVES leads to, -1 if it is blocked
+    poses: NDArray[np.float32]  # (V, 3) x and z in metres, heading in degrees; NaN if unknown
+    box_view: NDArray[np.int32]  # (P,) view of each box, ascending
+    box_instance: NDArray[np.int32]  # (P,) id in the instance map; at most one box per view and instance
     boxes: NDArray[np.int32]  # (P, 4) xmin, ymin, xmax, ymax in pixels, half-open, inside the photograph
     difficulty: NDArray[np.uint8]  # (P,) 1 (easiest) to 5
 
 
 def read_instances(root: Path) -> dict[str, int]:
-    """The data set's instances, name to id, in order of id; the background is none.
+    """The data set's instances, name to id, sorted by id, without the background.
 
     Raises:
-        DataError: the map is missing, or is not `name id` a line.
+        DataError: the map is missing, or a line is not `name id`.
     """
-    file, found = root / INSTANCES, dict[str, int]()
+    file, ids = root / INSTANCES, dict[str, int]()
     for line in _text(file).splitlines():
         name, _, number = line.strip().rpartition(" ")
         if not line.strip() or name.strip() == BACKGROUND:
             continue
         if not name.strip() or not number.isdecimal():
-            raise DataError(f"{file} should hold `name id` a line, and not '{line.strip()[:40]}'; mend it.")
-        found[name.strip()] = int(number)
-    if not found:
+            raise DataError(f"{file} needs lines like `name id`, not '{line.strip()[:40]}'; correct it.")
+        ids[name.strip()] = int(number)
+    if not ids:
         raise DataError(f"{file} names no instance; copy it from the data set again.")
-    return dict(sorted(found.items(), key=lambda item: item[1]))
+    return dict(sorted(ids.items(), key=lambda item: item[1]))
 
 
 def photographs_of(folder: Path) -> dict[str, Path]:
-    """The photographs on disk by file name, in order of name.
+    """The photographs on disk, by file name and sorted by it.
 
     Raises:
-        DataError: there is none, or the folder is no scan of this release.
+        DataError: there are none, or the folder is not a scan of this release.
     """
     check_release(folder)
     try:
@@ -76,32 +76,32 @@ def photographs_of(folder: Path) -> dict[str, Path]:
     except OSError as error:
         raise _unreadable(folder / PHOTOGRAPHS, error) from None
     if not found:
-        raise DataError(f"{folder / PHOTOGRAPHS} holds no photograph; unpack the scan's jpg files there.")
+        raise DataError(f"{folder / PHOTOGRAPHS} contains no photograph; unpack the scan's jpg files there.")
     return {path.name: path for path in found}
 
 
 def check_release(folder: Path) -> None:
-    """Raise DataError where a folder is a scan of the data set's older release, which is not read."""
+    """Raises DataError if a folder is a scan of the data set's older release, which is not supported."""
     if not (folder / ANNOTATIONS).exists() and (folder / "rgb").is_dir():
         raise DataError(
             f"{folder} is a scan of the data set's older release (rgb/ and annotations/*_boxes.txt), which"
-            f" is not read; get {folder.name} in the current one, with {ANNOTATIONS} and {PHOTOGRAPHS}/."
+            f" is not supported; download {folder.name} in the current one, with {ANNOTATIONS}."
         )
 
 
 def read_scan(folder: Path, instances: Mapping[str, int]) -> Scan:
-    """Read a scan.
+    """Reads a scan.
 
     A view is a photograph that is on disk *and* in the annotations; a move that leads to anything else is
-    blocked. Boxes are clipped to the photograph and dropped where nothing is left of them. Where an instance
-    has several boxes in one photograph (some stand twice in a scene), the largest counts.
+    blocked. Boxes are clipped to the photograph, and dropped if nothing remains. If an instance has several
+    boxes in one photograph (some products are in a scene twice), the largest is kept.
 
     Args:
-        folder: of the scan, named like `Home_001_1`.
-        instances: name to id, as of `read_instances`.
+        folder: the scan's folder, named like `Home_001_1`.
+        instances: name to id, from `read_instances`.
 
     Raises:
-        DataError: a file is missing, truncated or foreign, or names a photograph outside the scan's folder.
+        DataError: a file is missing, truncated or in another format, or names a photograph outside the scan.
     """
     on_disk = photographs_of(folder)
     file = folder / ANNOTATIONS
@@ -112,14 +112,14 @@ def read_scan(folder: Path, instances: Mapping[str, int]) -> Scan:
     _check_present(folder / PRESENT, instances)
     first = read_photograph(on_disk[names[0]])
     height, width = first.shape
-    number = {name: view for view, name in enumerate(names)}
+    index = {name: view for view, name in enumerate(names)}
     box_view, rows = _boxes(file, [(name, entries[name]) for name in names], instances, (width, height))
     return Scan(
         name=folder.name,
         files=tuple(on_disk[name] for name in names),
         width=width,
         height=height,
-        moves=np.array([[number.get(entries[name][move], -1) for move in MOVES] for name in names], np.int32),
+        moves=np.array([[index.get(entries[name][move], -1) for move in MOVES] for name in names], np.int32),
         poses=_poses(folder / POSES, names),
         box_view=box_view,
         box_instance=rows[:, 4],
@@ -129,13 +129,13 @@ def read_scan(folder: Path, instances: Mapping[str, int]) -> Scan:
 
 
 def _entries(file: Path) -> dict[str, dict[str, Any]]:
-    """The annotations by photograph, every move of each a plain file name or empty."""
+    """The annotations by photograph; every move is a checked file name or empty."""
     try:
         entries = json.loads(_text(file))
     except (ValueError, RecursionError) as error:
-        raise DataError(f"{file} is not whole JSON ({str(error)[:60]}); copy it again.") from None
+        raise DataError(f"{file} is not complete JSON ({str(error)[:60]}); copy it again.") from None
     if not isinstance(entries, dict):
-        raise DataError(f"{file} should hold one object with a key per photograph; copy it again.")
+        raise DataError(f"{file} must contain one object with a key per photograph; copy it again.")
     if len(entries) > MOST_ENTRIES:
         raise DataError(
             f"{file} describes {len(entries)} photographs, more than any scan has ({MOST_ENTRIES} at most);"
@@ -153,21 +153,21 @@ def _entries(file: Path) -> dict[str, dict[str, Any]]:
 def _check_name(file: Path, name: object) -> None:
     if not isinstance(name, str):
         raise DataError(
-            f"{file} names a photograph {str(name)[:60]}, which is no file's name; copy it again."
+            f"{file} names a photograph {str(name)[:60]}, which is not a file name; copy it again."
         )
     if any(mark in name for mark in "/\\\0") or name in (".", ".."):
         raise DataError(
-            f"{file} names '{name[:60]}', which is outside the scan's folder; get the scan from a source"
-            " you trust."
+            f"{file} names '{name[:60]}', which is outside the scan's folder; download the scan from a"
+            " source you trust."
         )
 
 
 def _check_present(file: Path, instances: Mapping[str, int]) -> None:
-    """The list of what stands in a scan is checked against the map; what is *seen* is for boxes to say."""
+    """Checks that the map has every listed instance; the list has no other use, boxes say what is seen."""
     for name in filter(None, map(str.strip, _text(file).splitlines())):
         if name not in instances and name != BACKGROUND:
             hint = did_you_mean(name, instances, f"add it to {INSTANCES} or remove it.")
-            raise DataError(f"{file} names '{name[:60]}', which {INSTANCES} does not; {hint}")
+            raise DataError(f"{file} names '{name[:60]}', which is not in {INSTANCES}; {hint}")
 
 
 def _boxes(
@@ -176,25 +176,25 @@ def _boxes(
     instances: Mapping[str, int],
     size: tuple[int, int],
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """View (P,), and (P, 6) xmin, ymin, xmax, ymax, instance, difficulty of every box that counts."""
+    """View (P,), and (P, 6) xmin, ymin, xmax, ymax, instance, difficulty of every box that is kept."""
     known, width, height = set(instances.values()), *size
-    found: dict[tuple[int, int], tuple[int, ...]] = {}
+    kept: dict[tuple[int, int], tuple[int, ...]] = {}
     for view, (name, entry) in enumerate(entries):
         for box in entry.get("bounding_boxes", []):
             x0, y0, x1, y1, instance, grade = _numbers(file, name, box)
             if instance not in known:
                 raise DataError(
-                    f"{file} has instance {instance} in '{name}', which {INSTANCES} lacks; copy both."
+                    f"{file} has instance {instance} in '{name}', but {INSTANCES} does not; copy both again."
                 )
             x0, x1 = max(x0, 0), min(x1, width)
             y0, y1 = max(y0, 0), min(y1, height)
             if x1 <= x0 or y1 <= y0:
                 continue
-            other = found.get((view, instance))
+            other = kept.get((view, instance))
             if other is None or _area(other) < (x1 - x0) * (y1 - y0):
-                found[view, instance] = (x0, y0, x1, y1, instance, grade)
-    pairs = sorted(found)
-    rows = np.array([found[pair] for pair in pairs], np.int32).reshape(-1, 6)
+                kept[view, instance] = (x0, y0, x1, y1, instance, grade)
+    pairs = sorted(kept)
+    rows = np.array([kept[pair] for pair in pairs], np.int32).reshape(-1, 6)
     return np.array([view for view, _ in pairs], np.int32), rows
 
 
@@ -216,7 +216,7 @@ def _area(box: tuple[int, ...]) -> int:
 
 
 def _poses(file: Path, names: Sequence[str]) -> NDArray[np.float32]:
-    """(V, 3) of the named photographs; NaN for those whose R is 0x0 or that have no row."""
+    """(V, 3) poses of the named photographs; NaN for those whose R is 0x0 or that have no row."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
@@ -239,14 +239,14 @@ def _poses(file: Path, names: Sequence[str]) -> NDArray[np.float32]:
         IndexError,
         ZlibError,
     ) as error:
-        # What SciPy says of a file that is cut short or is something else depends on where it stumbles.
-        raise DataError(f"{file} is not a whole table of poses ({str(error)[:60]}); copy it again.") from None
+        # SciPy's error for a truncated or foreign file depends on where reading fails.
+        raise DataError(f"{file} is not a table of poses ({str(error)[:60]}); copy it again.") from None
     unknown = (np.nan,) * 3
     return np.array([found.get(name, unknown) for name in names], np.float32)
 
 
 def _pose(row: Any, scale: float) -> tuple[float, float, float]:
-    """Metres x and z on the floor, and the heading; `world_pos` x `scale` is in millimetres."""
+    """x and z on the floor in metres, and the heading in degrees; `world_pos` x `scale` is in millimetres."""
     place, ahead = (np.asarray(row[key], np.float64).ravel() for key in ("world_pos", "direction"))
     if np.size(row["R"]) == 0 or len(place) < 3 or len(ahead) < 3:
         return (np.nan,) * 3
@@ -261,7 +261,7 @@ def _text(file: Path) -> str:
     except OSError as error:
         raise _unreadable(file, error) from None
     except UnicodeDecodeError:
-        raise DataError(f"{file} is not text; copy it again.") from None
+        raise DataError(f"{file} is not a text file; copy it again.") from None
 
 
 def _check_size(file: Path) -> None:
@@ -272,7 +272,7 @@ def _check_size(file: Path) -> None:
     if size > MOST_BYTES:
         raise DataError(
             f"{file} has {size // 2**20} MiB, more than any scan's ({MOST_BYTES // 2**20} at most); copy it"
-            " again."
+            " from the data set again."
         )
 
 

@@ -1,4 +1,4 @@
-"""Where episodes begin: which (view, target) pairs of which split, and what they are filtered by."""
+"""Chooses the (view, target) pairs that episodes start from, by split and by filters."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.avd.settings import StartsSettings
 from activelsd.envs.avd.splits import Split, validates
 from activelsd.envs.oracle import shows_well
-from activelsd.envs.start_filters import kept
+from activelsd.envs.start_filters import keep_starts
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import DataError
 
@@ -20,88 +21,75 @@ COLUMNS = ("scene", "view", "target", "score", "right")
 
 
 class BoxScores(NamedTuple):
-    """What a recogniser makes of every box's crop."""
+    """A recogniser's predictions for the crops of all boxes."""
 
-    score: NDArray[np.float32]  # (P,) its probability of the class it names
-    right: NDArray[np.bool_]  # (P,) whether that is the target's
+    score: NDArray[np.float32]  # (P,) probability of the predicted class
+    right: NDArray[np.bool_]  # (P,) whether the predicted class is the target's
 
 
-def starts(
-    graph: ViewGraph,
-    split: Split,
-    *,
-    visible: bool = True,
-    shown_well: bool = False,
-    max_difficulty: int = 5,
-    min_size: float = 0.0,
-    max_size: float = 1.0,
-) -> ViewGraph:
-    """The graph with the starts of a split's scans.
+def starts(graph: ViewGraph, split: Split, settings: StartsSettings) -> ViewGraph:
+    """The graph with the starts that pass the filters.
 
     Args:
-        graph: as prepared.
-        split: which scan is of which split.
-        visible: only views that show the target; else every view of the target's scan, unless another filter
-            needs a box to judge by.
-        shown_well: also views that show the target well, see `oracle.shows_well`: moving gains little there.
-        max_difficulty: of the start's box, as annotated, 1 (easiest) to 5.
-        min_size: of the start's box: its larger side as a fraction of the frame.
-        max_size: the same.
+        graph: the graph as prepared.
+        split: the scans of each split.
+        settings: the filters. Without any that judges by a box, every view of the target's scan is a start.
     """
     assert graph.pair_of is not None
     assert graph.boxes is not None
     assert graph.difficulty is not None
     scene_of_target = [graph.scenes.index(target.partition("/")[0]) for target in graph.targets]
     larger = graph.boxes[:, 2:].max(1)
-    good = (graph.difficulty <= max_difficulty) & (min_size <= larger) & (larger <= max_size)
+    good = (settings.min_size <= larger) & (larger <= settings.max_size)
+    good &= graph.difficulty <= settings.max_difficulty
     shown = np.append(good, False)[graph.pair_of]
-    if not (visible or max_difficulty < 5 or min_size > 0 or max_size < 1):
+    if not settings.needs_a_box:
         shown = graph.scene_of[:, None] == np.array(scene_of_target)
-    if not shown_well:
+    if not settings.shown_well:
         shown &= ~np.append(shows_well(graph), False)[graph.pair_of]
     view, target = np.nonzero(shown)
     split_of = _split_of_target(graph, split)[target]
-    tells = split_of >= 0
+    used = split_of >= 0
     return replace(
         graph,
-        start_view=view[tells].astype(np.int32),
-        start_target=target[tells].astype(np.int32),
-        start_split=split_of[tells].astype(np.uint8),
+        start_view=view[used].astype(np.int32),
+        start_target=target[used].astype(np.int32),
+        start_split=split_of[used].astype(np.uint8),
     )
 
 
 def _split_of_target(graph: ViewGraph, split: Split) -> NDArray[np.int64]:
-    """(T,) index into SPLITS, -1 for targets of scans that are in none."""
-    found = np.full(len(graph.targets), -1)
+    """(T,) index into SPLITS, -1 for targets of scans that are in no split."""
+    split_of = np.full(len(graph.targets), -1)
     trained = 0
     for target in sorted(range(len(graph.targets)), key=graph.targets.__getitem__):
         scan = graph.targets[target].partition("/")[0]
-        names = next((name for name in SPLITS if scan in getattr(split, name)), None)
-        if names == "train" and not split.val:
-            names = "val" if validates(trained) else "train"
+        name = next((name for name in SPLITS if scan in getattr(split, name)), None)
+        if name == "train" and not split.val:
+            name = "val" if validates(trained) else "train"
             trained += 1
-        if names is not None:
-            found[target] = SPLITS.index(names)
-    return found
+        if name is not None:
+            split_of[target] = SPLITS.index(name)
+    return split_of
 
 
-def starts_by_score(graph: ViewGraph, scores: BoxScores, threshold: float = 0.9) -> ViewGraph:
-    """The graph with the starts that the data set's paper plays from, of those it has.
+def starts_by_score(graph: ViewGraph, scores: BoxScores, threshold: float) -> ViewGraph:
+    """The graph with only the starts that the data set's paper uses.
 
-    Those are the views that a recogniser is not sure of, its score below the threshold, of targets that it
-    names rightly in one view of the scene and wrongly in another: there is something to gain from moving.
+    The recogniser's score in the view is below the threshold, and it recognises the target in some views of
+    the scene and not in others, so moving can help.
     """
     assert graph.pair_of is not None
     pair = graph.pair_of[graph.start_view, graph.start_target]
     seen = graph.pair_of >= 0
-    said = np.append(scores.right, False)[graph.pair_of]
-    mixed = np.any(seen & said, axis=0) & np.any(seen & ~said, axis=0)
+    right = np.append(scores.right, False)[graph.pair_of]
+    mixed = np.any(seen & right, axis=0) & np.any(seen & ~right, axis=0)
     unsure = np.append(scores.score < threshold, False)[pair]
-    return kept(graph, unsure & mixed[graph.start_target])
+    return keep_starts(graph, unsure & mixed[graph.start_target])
 
 
 def write_scores(graph: ViewGraph, scores: BoxScores, file: Path) -> None:
-    """Write scores as CSV, a row per box: scene, view, target, score, right."""
+    """Writes scores as CSV, one row per box: scene, view, target, score, right."""
     assert graph.pair_of is not None
     temporary = file.with_name(file.name + ".tmp")
     with temporary.open("w", newline="") as stream:
@@ -115,10 +103,10 @@ def write_scores(graph: ViewGraph, scores: BoxScores, file: Path) -> None:
 
 
 def read_scores(graph: ViewGraph, file: Path) -> BoxScores:
-    """Read what `write_scores` wrote, for the boxes of a graph.
+    """Reads the scores of a graph's boxes from a file of `write_scores`.
 
     Raises:
-        DataError: the file is missing or no such table, or lacks a box.
+        DataError: the file is missing, is not such a table, or lacks a box.
     """
     assert graph.pair_of is not None
     assert graph.boxes is not None
@@ -130,16 +118,16 @@ def read_scores(graph: ViewGraph, file: Path) -> BoxScores:
             }
     except OSError as error:
         raise DataError(
-            f"{file} cannot be read ({error.strerror}); name another env.starts.scores."
+            f"{file} cannot be read ({error.strerror}); set env.starts.scores to another file."
         ) from None
     except (KeyError, TypeError, ValueError, csv.Error):
-        raise DataError(f"{file} is no table of {', '.join(COLUMNS)}; write it anew.") from None
+        raise DataError(f"{file} is not a table of {', '.join(COLUMNS)}; write it again.") from None
     score, right = np.zeros(len(graph.boxes), np.float32), np.zeros(len(graph.boxes), np.bool_)
     for view, target in np.argwhere(graph.pair_of >= 0):
         names = graph.scenes[graph.scene_of[view]], graph.view_names[view], graph.targets[target]
         if names not in rows:
             raise DataError(
-                f"{file} has no score of {names[2]} in view {names[1]}; write it anew for these scans."
+                f"{file} has no score for {names[2]} in view {names[1]}; write it again for these scans."
             )
         score[graph.pair_of[view, target]], right[graph.pair_of[view, target]] = rows[names]
     return BoxScores(score, right)

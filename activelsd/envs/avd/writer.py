@@ -6,17 +6,13 @@ coordinates have y pointing down and a unit of their own for each scan, which `s
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from functools import lru_cache
-from importlib import resources
 from io import BytesIO
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,7 +25,9 @@ from activelsd.envs.avd.boxes import Box, visible_boxes
 from activelsd.envs.avd.homes import DEFAULT_SCANS, HEADINGS, INSTANCES, MOVES, Home, parsed
 from activelsd.envs.cache import alone, writing
 from activelsd.envs.cores import cores
-from activelsd.errors import ConfigError, DataError
+from activelsd.envs.digest import code_digest
+from activelsd.envs.workers import Item, Work, spread
+from activelsd.errors import DataError
 from activelsd.scenery.rooms.room_renderer import Camera, Picture
 
 _POINTS = 4
@@ -39,24 +37,23 @@ _JPEG_QUALITY, _PNG_COMPRESSION = 93, 1
 _MILLIMETRES = 1000
 _MOST_DEPTH = 65_535  # millimetres
 _MAT_HEADER = b"MATLAB 5.0 MAT-file".ljust(116)  # SciPy would put the time of day there
-_SOURCES = (
-    ("activelsd.envs.avd", ("homes.py", "boxes.py", "writer.py")),
-    ("activelsd.scenery.rooms", None),
-    ("activelsd.scenery.shapes", None),
-)
-"""Modules, None for all of a package, on which what is written depends."""
 
 
 class _Job(NamedTuple):
     """Photographs that one process takes in one go."""
 
-    scan: str
-    seed: int
-    width: int
-    height: int
+    name: str  # of the scan
     folder: str
     first: int  # point of the lattice
     last: int  # one past
+
+
+class _Sample(NamedTuple):
+    """What all photographs have in common."""
+
+    seed: int
+    width: int
+    height: int
 
 
 def write_sample(
@@ -71,8 +68,9 @@ def write_sample(
 ) -> Path:
     """Write sample scans into a folder; whole scans that are there already stay.
 
-    The same arguments give the same bytes. A scan is written beside its place and put there when it is whole,
-    so what an interruption leaves is gone on with, scan by scan.
+    The same arguments give the same bytes. A scan is written beside its place and moved there when it is
+    whole, so the next call resumes an interrupted one with the scans that are left. If another process writes
+    to the folder, this one waits and goes on with what is left.
 
     Args:
         root: folder for them, made if need be; the world's instance map is put there too.
@@ -87,17 +85,13 @@ def write_sample(
         `root`.
 
     Raises:
-        ConfigError: a name cannot be a scan's, or the size cannot be a photograph's.
-        DataError: the folder holds a sample of other settings, cannot be written, or is being written to.
+        ConfigError: a name cannot be a scan's.
+        DataError: the folder holds a sample of other settings, or cannot be written.
     """
     for name in scans:
         parsed(name)
-    if min(width, height) < 16:
-        raise ConfigError(f"Photographs of {width}x{height} pixels cannot be; choose sides of at least 16.")
-    with writing(root):
-        root.mkdir(parents=True, exist_ok=True)
     with alone(root / "sample"), writing(root):
-        _claim(root, {"width": width, "height": height, "seed": seed, "code": code_digest()})
+        _claim(root, {"width": width, "height": height, "seed": seed, "code": code_digest(__name__)})
         rows = ["background 0", *(f"{name} {i}" for i, name in enumerate(INSTANCES, start=1))]
         (root / "instance_id_map.txt").write_text("\n".join(rows) + "\n")
         points = {name: len(_home(name, seed).lattice.points) for name in scans}
@@ -106,21 +100,30 @@ def write_sample(
         done = HEADINGS * sum(points[name] for name in scans if (root / name).is_dir())
         report(done, total)
         todo = [name for name in scans if not (root / name).is_dir()]
-        jobs = [job for name in todo for job in _jobs(root, name, seed, width, height, points[name])]
-        boxes: dict[str, list[Box]] = {}
-        with _photographed(jobs, workers) as found:
-            for job, taken in zip(jobs, found, strict=True):
-                boxes |= taken
+        jobs = [job for name in todo for job in _jobs(root, name, points[name])]
+        sample = _Sample(seed, width, height)
+        left = Counter(job.name for job in jobs)
+        boxes: dict[str, dict[str, list[Box]]] = {name: {} for name in todo}
+        work = spread(
+            f"{__name__}:photographer",
+            sample._asdict(),
+            ((i, job._asdict()) for i, job in enumerate(jobs)),
+            processes=max(1, min(workers or cores(), len(jobs))),
+        )
+        with closing(work):
+            for i, data in work:
+                job, taken = jobs[i], json.loads(data)
+                boxes[job.name] |= taken
+                left[job.name] -= 1
                 done += len(taken)
                 report(done, total)
-                if job.last == points[job.scan]:
-                    _complete(root, job, boxes)
-                    boxes = {}
+                if not left[job.name]:
+                    _complete(root, sample, job, boxes.pop(job.name))
     return root
 
 
 def _claim(root: Path, settings: dict[str, int | str]) -> None:
-    """Note what the sample in the folder is made from, or refuse one that is of something else."""
+    """Note what the sample in the folder is made from, or refuse a folder that holds something else."""
     note = root / "sample.json"
     if note.exists():
         if note.read_text() != json.dumps(settings):
@@ -131,26 +134,14 @@ def _claim(root: Path, settings: dict[str, int | str]) -> None:
         note.write_text(json.dumps(settings))
 
 
-def code_digest() -> str:
-    """A digest of the modules that draw homes and photograph them."""
-    digest = hashlib.sha256()
-    for package, names in _SOURCES:
-        for module in sorted(resources.files(package).iterdir(), key=lambda m: m.name):
-            if module.name.endswith(".py") and (names is None or module.name in names):
-                digest.update(module.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def _jobs(root: Path, name: str, seed: int, width: int, height: int, points: int) -> list[_Job]:
-    """A scan's photographs shared out, its folder made anew."""
+def _jobs(root: Path, name: str, points: int) -> list[_Job]:
+    """A scan's photographs in parts; its folder is made anew."""
     folder = _unfinished(root, name)
     shutil.rmtree(folder, ignore_errors=True)
     for part in ("jpg_rgb", "high_res_depth"):
-        (folder / part).mkdir(parents=True)
+        (folder / part).mkdir(parents=True, exist_ok=True)
     firsts = range(0, points, _POINTS)
-    return [
-        _Job(name, seed, width, height, str(folder), first, min(first + _POINTS, points)) for first in firsts
-    ]
+    return [_Job(name, str(folder), first, min(first + _POINTS, points)) for first in firsts]
 
 
 def _unfinished(root: Path, name: str) -> Path:
@@ -158,22 +149,15 @@ def _unfinished(root: Path, name: str) -> Path:
 
 
 @contextmanager
-def _photographed(jobs: Sequence[_Job], workers: int | None) -> Iterator[Iterator[dict[str, list[Box]]]]:
-    """The boxes of every job's photographs, by file name, in order of the jobs."""
-    count = min(workers or cores(), len(jobs))
-    if count <= 1:
-        yield map(_photograph, jobs)
-        return
-    pool = ProcessPoolExecutor(count, get_context("spawn"), initializer=_undisturbed)
-    try:
-        yield pool.map(_photograph, jobs)
-    finally:
-        pool.shutdown(cancel_futures=True)
+def photographer(job: Mapping[str, Any]) -> Iterator[Work]:
+    """Takes the photographs of parts of scans, see `workers.spread`; returns their boxes in JSON."""
+    sample = _Sample(**job)
 
+    def photograph(item: Item) -> bytes:
+        with writing(Path(item["folder"]).parent):
+            return json.dumps(_photograph(sample, _Job(**item))).encode()
 
-def _undisturbed() -> None:
-    """Ctrl-C is for the process that started this one."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    yield photograph
 
 
 @lru_cache(maxsize=2)
@@ -181,13 +165,13 @@ def _home(name: str, seed: int) -> Home:
     return Home(name, seed)
 
 
-def _photograph(job: _Job) -> dict[str, list[Box]]:
-    """Take and write the photographs of some points; their boxes by file name."""
-    home, scan, folder = _home(job.scan, job.seed), parsed(job.scan), Path(job.folder)
+def _photograph(sample: _Sample, job: _Job) -> dict[str, list[Box]]:
+    """Take and write the photographs of some points; returns their boxes by file name."""
+    home, scan, folder = _home(job.name, sample.seed), parsed(job.name), Path(job.folder)
     boxes = {}
     for point in range(job.first, job.last):
         for heading in range(HEADINGS):
-            picture = home.look(home.camera(point, heading, job.width, job.height))
+            picture = home.look(home.camera(point, heading, sample.width, sample.height))
             index = _index(point, heading)
             stem = scan.image(index, "01")
             _write(folder / "jpg_rgb" / f"{stem}.jpg", _jpeg(picture))
@@ -215,18 +199,18 @@ def _write(path: Path, data: NDArray[np.uint8]) -> None:
     path.write_bytes(data.tobytes())
 
 
-def _complete(root: Path, job: _Job, boxes: dict[str, list[Box]]) -> None:
-    """Write what is one for the scan, and put it in its place."""
-    home, folder = _home(job.scan, job.seed), Path(job.folder)
-    (folder / "annotations.json").write_text(json.dumps(_annotations(home, job.scan, boxes)))
-    scale = float(np.random.default_rng((job.seed, *parsed(job.scan))).uniform(200, 900))
+def _complete(root: Path, sample: _Sample, job: _Job, boxes: dict[str, list[Box]]) -> None:
+    """Write the files that a scan has one of, and move it to its place."""
+    home, folder = _home(job.name, sample.seed), Path(job.folder)
+    (folder / "annotations.json").write_text(json.dumps(_annotations(home, job.name, boxes)))
+    scale = float(np.random.default_rng((sample.seed, *parsed(job.name))).uniform(200, 900))
     matrices = BytesIO()
-    savemat(matrices, {"image_structs": _structs(home, job, scale), "scale": scale})
+    savemat(matrices, {"image_structs": _structs(home, sample, job.name, scale), "scale": scale})
     undated = _MAT_HEADER + matrices.getvalue()[len(_MAT_HEADER) :]
     (folder / "image_structs.mat").write_bytes(undated)
     (folder / "present_instance_names.txt").write_text("\n".join(home.present) + "\n")
-    (folder / "cameras.txt").write_text(_camera_text(home.camera(0, 0, job.width, job.height)))
-    folder.rename(root / job.scan)
+    (folder / "cameras.txt").write_text(_camera_text(home.camera(0, 0, sample.width, sample.height)))
+    folder.rename(root / job.name)
 
 
 def _annotations(home: Home, name: str, boxes: dict[str, list[Box]]) -> dict[str, Any]:
@@ -243,18 +227,18 @@ def _annotations(home: Home, name: str, boxes: dict[str, list[Box]]) -> dict[str
     return entries
 
 
-def _structs(home: Home, job: _Job, scale: float) -> NDArray[Any]:
+def _structs(home: Home, sample: _Sample, name: str, scale: float) -> NDArray[Any]:
     """The 1 by N struct of poses; X_camera = R X_world + t, cameras looking along z with y down."""
-    scan = parsed(job.scan)
-    names = ("image_name", "t", "R", "world_pos", "direction", "cluster_id", "rotate_cw", "rotate_ccw")
+    scan = parsed(name)
+    fields = ("image_name", "t", "R", "world_pos", "direction", "cluster_id", "rotate_cw", "rotate_ccw")
     points = len(home.lattice.points)
-    structs = np.empty((1, points * HEADINGS), dtype=[(name, object) for name in names])
+    structs = np.empty((1, points * HEADINGS), dtype=[(field, object) for field in fields])
     for point in range(points):
         for heading in range(HEADINGS):
-            camera = home.camera(point, heading, job.width, job.height)
+            camera = home.camera(point, heading, sample.width, sample.height)
             rotation = _in_world(camera.axes)
             place = _in_world(np.array([(camera.x, camera.y, camera.z)]))[0] * (_MILLIMETRES / scale)
-            turned = [home.move(point, heading, move) or (point, heading) for move in names[-2:]]
+            turned = [home.move(point, heading, move) or (point, heading) for move in fields[-2:]]
             structs[0, _index(point, heading) - 1] = (
                 f"{scan.image(_index(point, heading), '01')}.jpg",
                 -(rotation * place).sum(axis=1).reshape(3, 1),

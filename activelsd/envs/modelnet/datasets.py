@@ -1,19 +1,19 @@
-"""Where objects come from: finds out what lies at a path, and lists its objects by class and split."""
+"""Lists the objects of a data set by class and split, whatever kind of files lies at its path."""
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import NamedTuple
 
 from activelsd.envs.modelnet import pictures
-from activelsd.envs.modelnet.files import Entry, Folder, Zip, class_folders, open_files
+from activelsd.envs.modelnet.files import FOLDERS, Entry, Folder, Zip, class_folders, open_files
 from activelsd.envs.modelnet.readers import check_format
+from activelsd.envs.modelnet.settings import DatasetSettings
 from activelsd.envs.modelnet.sources import Item, MeshFiles, PictureFiles, Shapes, Source
-from activelsd.envs.modelnet.splits import FOLDERS, check_rule, chosen, with_validation
+from activelsd.envs.modelnet.splits import chosen, with_validation
 from activelsd.errors import ConfigError, DataError, did_you_mean
 
 _COMPANIONS = frozenset({".mtl", ".bin", ".txt", ".md", ".json", ".csv", ".tsv"})
@@ -28,17 +28,11 @@ class Dataset:
     classes: tuple[str, ...]
     items: tuple[Item, ...]
     source: Source
-    key: Mapping[str, str | int]  # differs where the objects may
-
-    def describe(self) -> str:
-        """What it is and how much of it, in half a sentence."""
-        splits = Counter(item.split for item in self.items)
-        counts = ", ".join(f"{splits[split]} {split}" for split in ("train", "val", "test"))
-        return f"{len(self.items)} objects of {len(self.classes)} classes ({counts}) from {self.key['from']}"
+    origin: Mapping[str, str | int]  # tells data sets apart, whatever is chosen from them
 
 
 class _Object(NamedTuple):
-    """An object found, before it is known whether its split takes it."""
+    """An object found, before it is known whether the rule of the split takes it."""
 
     category: str
     folder: str
@@ -47,39 +41,23 @@ class _Object(NamedTuple):
     stamp: str
 
 
-def open_dataset(
-    path: Path | None,
-    *,
-    split: str = "official",
-    train_per_class: int = 150,
-    test_per_class: int = 20,
-    seed: int = 0,
-    classes: Sequence[str] | None = None,
-) -> Dataset:
-    """The objects at a path, or the embedded shapes where there is none.
+def open_dataset(settings: DatasetSettings) -> Dataset:
+    """The objects at a path, or the embedded shapes if there is none.
 
     What is at the path is found by looking: a folder, or the zip of it, with `CLASS/train` and `CLASS/test`,
     holding either meshes or twelve pictures of each object.
 
-    Args:
-        path: of the folder or zip; None for the embedded shapes.
-        split: which objects, see `splits.chosen`.
-        train_per_class: how many embedded shapes to train and validate on, per class.
-        test_per_class: how many embedded shapes to test on, per class.
-        seed: draws the embedded shapes.
-        classes: only these; None for all.
-
     Raises:
-        DataError: nothing is there, it is laid out otherwise, or a class has nothing to train or test on.
-        ConfigError: the split or a class is not known.
+        DataError: nothing is there, its layout is another, or a class has nothing to train or test on.
+        ConfigError: a class is not known.
     """
-    check_rule(split)
+    path, classes, rule = settings.path, settings.classes, settings.split
     if path is None:
-        found, source = _shapes(train_per_class, test_per_class, classes), Shapes(seed=seed)
-        return _dataset("shapes", "the embedded shapes", found, source, split, {"seed": seed})
+        found, source = _shapes(settings), Shapes(seed=settings.seed)
+        return _dataset("shapes", "the embedded shapes", found, source, rule)
     files = open_files(path)
     found, file_source = _in_files(files, classes)
-    return _dataset(path.resolve().stem, str(path.resolve()), found, file_source, split, {})
+    return _dataset(path.resolve().stem, str(path.resolve()), found, file_source, rule)
 
 
 def _dataset(
@@ -88,10 +66,8 @@ def _dataset(
     found: Mapping[str, Sequence[_Object]],
     source: Source,
     rule: str,
-    key: Mapping[str, str | int],
 ) -> Dataset:
     items: list[Item] = []
-    digest = hashlib.sha256()
     for category, objects in found.items():
         names = Counter(o.name for o in objects)
         for folder in FOLDERS:
@@ -102,21 +78,14 @@ def _dataset(
             splits = with_validation(taken) if folder == "train" else [folder] * len(taken)
             for name, split in zip(taken, splits, strict=True):
                 whole = f"{category}/{name.removeprefix(f'{category}/')}"
-                items.append(Item(name=whole, category=category, split=split, parts=own[name].parts))
-                digest.update(repr((items[-1], own[name].stamp)).encode())
+                parts, stamp = own[name].parts, own[name].stamp
+                items.append(Item(name=whole, category=category, split=split, parts=parts, stamp=stamp))
     return Dataset(
         title=title,
         classes=tuple(found),
         items=tuple(items),
         source=source,
-        key={
-            "from": origin,
-            "kind": str(source.spec()["kind"]),
-            "split": rule,
-            "objects": len(items),
-            "digest": digest.hexdigest(),
-            **key,
-        },
+        origin={"from": origin} | {k: v for k, v in source.spec().items() if k != "path"},
     )
 
 
@@ -129,18 +98,18 @@ def _nothing(origin: str, category: str, folder: str, rule: str, found: int) -> 
     return f"Class '{category}' of {origin} has no {folder} objects; add some or leave the class out."
 
 
-def _shapes(train: int, test: int, classes: Sequence[str] | None) -> dict[str, list[_Object]]:
+def _shapes(settings: DatasetSettings) -> dict[str, list[_Object]]:
     """The embedded shapes asked for."""
     from activelsd.scenery.shapes import CATEGORIES  # files do without it
 
-    counts = {"train": train, "test": test}
+    counts = {"train": settings.train_per_class, "test": settings.test_per_class}
     return {
         category: [
             _Object(category, folder, f"{folder}_{i:05d}", (folder, str(i)), "")
             for folder in FOLDERS
             for i in range(counts[folder])
         ]
-        for category in _asked(CATEGORIES, classes, "the embedded shapes")
+        for category in _asked(CATEGORIES, settings.classes, "the embedded shapes")
     }
 
 
@@ -173,8 +142,6 @@ def _asked(known: Sequence[str], classes: Sequence[str] | None, origin: str) -> 
     """The classes asked for, in order of names."""
     if classes is None:
         return sorted(known)
-    if not classes:
-        raise ConfigError("No class is asked for; name some in dataset.classes, or leave it out for all.")
     for name in classes:
         if name not in known:
             hint = did_you_mean(name, sorted(known))

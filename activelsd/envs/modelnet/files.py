@@ -1,4 +1,4 @@
-"""Where a dataset's files lie, a folder or a zip of it, and which of them belong to which class and split.
+"""Reads a dataset's files from a folder or a zip, and sorts them by class and split.
 
 A zip is read in place: nothing is extracted, so a name inside it leads nowhere.
 """
@@ -14,8 +14,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from activelsd.envs.modelnet.splits import FOLDERS
 from activelsd.errors import DataError
+
+FOLDERS = ("train", "test")
+"""The folders of every class."""
 
 _DEPTH = 6
 """Levels of a folder that are listed: a top folder, class, `train`, a file, and two to complain about."""
@@ -29,7 +31,7 @@ class Member(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """A file that stands in its class and split."""
+    """A file in the folder of a class."""
 
     category: str
     folder: str  # below the class folder: train, test, or where it would be overlooked
@@ -67,11 +69,11 @@ class Folder:
                     yield Member(prefix + entry.name, f"{stat.st_size}:{stat.st_mtime_ns}")
 
     def where(self, path: str) -> str:
-        """What errors call a file."""
+        """The name of a file in messages."""
         return str(self.root / path)
 
     def read(self, path: str) -> bytes:
-        """A file's bytes. Raises DataError where it cannot be read."""
+        """A file's bytes. Raises DataError if it cannot be read."""
         try:
             return (self.root / path).read_bytes()
         except OSError as error:
@@ -94,11 +96,11 @@ class Zip:
             yield Member(info.filename, "" if info.is_dir() else f"{info.file_size}:{info.CRC}")
 
     def where(self, path: str) -> str:
-        """What errors call a file."""
+        """The name of a file in messages."""
         return f"{self.root}/{path}"
 
     def read(self, path: str) -> bytes:
-        """A file's bytes. Raises DataError where the zip is damaged there or locked by a password."""
+        """A file's bytes. Raises DataError if the zip is damaged there or locked by a password."""
         try:
             return _opened(self.root).read(path)
         except (zipfile.BadZipFile, zlib.error, EOFError, OSError):
@@ -117,7 +119,7 @@ def _opened(path: Path) -> zipfile.ZipFile:
 
 
 def open_files(path: Path) -> Folder | Zip:
-    """The files of a dataset, whichever way they are kept.
+    """The files of a dataset in a folder or a zip.
 
     Raises:
         DataError: there is nothing at the path, or it is neither a folder nor a zip.
@@ -139,7 +141,7 @@ def class_folders(files: Folder | Zip) -> dict[str, list[Entry]]:
     what macOS adds to zips are passed over.
 
     Raises:
-        DataError: nothing is laid out like that.
+        DataError: the files are not laid out like that.
     """
     members = [m for m in files.members() if not any(map(_hidden, m.path.split("/")))]
     paths = [tuple(m.path.split("/")) for m in members]

@@ -1,4 +1,4 @@
-"""Objects rendered by others as twelve pictures each, MVCNN's way: which belong together, and their pixels.
+"""Reads objects that others rendered as twelve pictures each, as MVCNN does.
 
 MVCNN (Su et al. 2015) first named them `NAME_000000001_001.jpg` to `_012.jpg`, later
 `NAME_0001.obj.shaded_v001.png`; elsewhere they count from `_v0000`.
@@ -19,7 +19,7 @@ ENDINGS = frozenset({".png", ".jpg", ".jpeg"})
 VIEWS = 12
 _NAME = re.compile(r"(?P<object>.+?)(?:\.(?:obj|off))?(?:[._]shaded)?_v?(?P<view>\d+)")
 _MARKS = ((b"\x89PNG", b"IEND"), (b"\xff\xd8", b"\xff\xd9"))
-"""How PNG and JPEG begin and end; OpenCV fills what a short file lacks with gray and says nothing."""
+"""How PNG and JPEG begin and end; OpenCV fills the missing part of a file with gray and reports nothing."""
 
 
 def grouped(paths: Sequence[str], where: str) -> dict[str, list[str]]:
@@ -27,7 +27,7 @@ def grouped(paths: Sequence[str], where: str) -> dict[str, list[str]]:
 
     Args:
         paths: of the pictures of one class and split.
-        where: what errors call the folder they are in.
+        where: name of their folder in messages.
 
     Raises:
         DataError: a name has no number, or an object's views are not twelve numbered from 0 or from 1.
@@ -65,11 +65,11 @@ def decode(data: bytes, name: str, size: int) -> NDArray[np.uint8]:
     """uint8 (size, size): a picture in gray, averaged over areas; what is transparent becomes white.
 
     Raises:
-        DataError: it is no picture that OpenCV reads, cut short, or not square.
+        DataError: OpenCV cannot read it, it is cut short, or not square.
     """
-    import cv2  # meshes do without it
+    import cv2  # not needed for meshes
 
-    # OpenCV reports a damaged file on stderr by itself, in lines that mean nothing to a user.
+    # OpenCV reports a damaged file on stderr by itself, in lines that do not help a user.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     whole = any(data.startswith(start) and end in data[-512:] for start, end in _MARKS)
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if whole else None

@@ -1,27 +1,29 @@
-"""Renders a dataset into a cached view graph, on all cores, going on where an earlier attempt stopped."""
+"""Renders a dataset into a cached view graph, on all cores; objects that are in the cache are copied."""
 
 from __future__ import annotations
 
 import hashlib
-import math
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
-from importlib import resources
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from activelsd.envs.cache import CacheError, PartialGraph, cache_file, make_once
+from activelsd.envs.cache import Pictures, cache_file, fill, make_once
 from activelsd.envs.cores import cores
+from activelsd.envs.digest import code_digest
+from activelsd.envs.modelnet import sources
 from activelsd.envs.modelnet.datasets import Dataset
-from activelsd.envs.modelnet.sources import AZIMUTHS, PictureFiles, Source
-from activelsd.envs.modelnet.workers import rendered
-from activelsd.envs.viewgraph import SPLITS, ViewGraph
-from activelsd.errors import ConfigError, DataError
+from activelsd.envs.modelnet.sources import AZIMUTHS, PictureFiles
+from activelsd.envs.viewgraph import SPLITS, ViewGraph, load_graph
+from activelsd.envs.workers import spread
+from activelsd.errors import DataError
 
 _SHARE = 16
-"""Objects that make starting another process worth its third of a second."""
+"""Objects for which starting another process, a third of a second, is worth it."""
 
 
 def prepare(
@@ -35,13 +37,15 @@ def prepare(
 ) -> Path:
     """The file of a dataset's views, rendered unless it is there.
 
-    Its name carries a digest of what it is made from, and of the code that makes it, so that settings live
-    side by side and a change makes a file anew. One that is there but cannot be read, or is of another key,
-    is made anew too: nothing but this function writes under such a name.
+    Its name carries a digest of the objects, the settings, and the code that renders, so that files of other
+    settings stand beside it. Views of an object that stand in such a file already are copied: they depend on
+    its own files alone, not on the split, the classes, or the other objects. A file that cannot be read is
+    made anew: nothing but this function writes under such a name.
 
     Every object is one scene with one target, `CLASS/OBJECT`, seen from 12 azimuths by E elevations,
     elevation after elevation; views are named like `e30_a090`. Episodes start at the 12 views of the first
-    elevation. There are no moves: `orbit.with_moves` adds those asked for.
+    elevation, all in the first split: `open_views` puts them in those of the dataset. There are no moves:
+    `orbit.with_moves` adds those asked for.
 
     Args:
         dataset: the objects.
@@ -52,84 +56,60 @@ def prepare(
         progress: called with the number of objects done and of all, at the start and after every object.
 
     Returns:
-        The path of a file that `viewgraph.load_graph` reads.
+        The path of a file that `open_views` reads.
 
     Raises:
-        ConfigError: size or elevations cannot be.
-        DataError: an object is broken, or the cache cannot be written or is being prepared elsewhere. After
-            a broken object nothing stays behind, since without it the dataset is another; after anything
-            else, KeyboardInterrupt included, what is done stays and is gone on with next time.
+        DataError: an object is broken, or the cache cannot be written. See `cache.fill` for what stays.
     """
-    _check(dataset, size, elevations)
-    levels = [float(elevation) for elevation in elevations]
-    key = {"dataset": dict(dataset.key), "size": size, "elevations": levels, "code": _code(dataset.source)}
-    path = cache_file(cache, dataset.title, size, key)
-    return make_once(path, key, lambda: _fill(dataset, size, levels, path, key, workers, progress))
-
-
-def _check(dataset: Dataset, size: int, elevations: Sequence[float]) -> None:
-    if size < 1:
-        raise ConfigError(f"Views of {size} pixels cannot be; choose a size of at least 1.")
-    if not elevations or len(set(elevations)) < len(elevations):
-        raise ConfigError(f"Elevations {list(elevations)} cannot be; name at least one, and none twice.")
-    if not all(math.isfinite(e) and abs(e) <= 90 for e in elevations):
-        raise ConfigError(f"Elevations {list(elevations)} cannot be; they go from -90 to 90 degrees.")
     if isinstance(dataset.source, PictureFiles) and len(elevations) > 1:
         raise DataError(
             f"{dataset.source.files.root} holds pictures of a single ring of views, so elevations"
             f" {list(elevations)} cannot be had from it; name one, or give meshes."
         )
+    levels = [float(elevation) for elevation in elevations]
+    made_by = {"size": size, "elevations": levels, "code": code_digest(sources.__name__)}
+    names = _frame_names(dataset, made_by)
+    objects = _digest([(item.name, name) for item, name in zip(dataset.items, names, strict=True)])
+    key = {"dataset": dict(dataset.origin), "objects": objects} | made_by
+    path = cache_file(cache, dataset.title, size, key)
+
+    def rendered(todo: list[int]) -> Generator[tuple[int, Pictures], None, None]:
+        count = max(1, min(workers or cores(), len(todo) // _SHARE))
+        job = {"source": dataset.source.spec(), "size": size, "elevations": levels}
+        items = ((i, asdict(dataset.items[i])) for i in todo)
+        with closing(spread(f"{sources.__name__}:renderer", job, items, processes=count)) as views:
+            for i, data in views:
+                yield i, {"frames": np.frombuffer(data, np.uint8)}
+
+    def make() -> None:
+        graph = _without_frames(dataset, size, elevations)
+        ends = np.arange(1, len(names) + 1) * (len(graph.frames) // len(names))
+        fill(path, graph, key, {"frames": ends}, rendered, names=names, progress=progress)
+
+    return make_once(path, key, make)
 
 
-def _code(source: Source) -> str:
-    """A digest of the modules that a source's pictures depend on."""
-    package = resources.files("activelsd.envs.modelnet")
-    digest = hashlib.sha256()
-    for pattern in source.code:
-        folder, _, name = pattern.rpartition("/")
-        for module in sorted((package / folder).iterdir(), key=lambda m: m.name):
-            if module.name == name or (name == "*.py" and module.name.endswith(".py")):
-                digest.update(module.read_bytes())
-    return digest.hexdigest()
+def open_views(file: Path, dataset: Dataset) -> ViewGraph:
+    """The graph in a file that `prepare` made for a dataset, with the starts in the dataset's splits."""
+    splits = np.array([SPLITS.index(item.split) for item in dataset.items], np.uint8)
+    graph = load_graph(file)
+    return replace(graph, start_split=splits[graph.start_target])
 
 
-def _fill(
-    dataset: Dataset,
-    size: int,
-    elevations: Sequence[float],
-    path: Path,
-    key: dict[str, Any],
-    workers: int | None,
-    progress: Callable[[int, int], None] | None,
-) -> None:
-    report = progress or (lambda done, total: None)
-    graph = _without_frames(dataset, size, elevations)
-    ends = np.arange(1, len(dataset.items) + 1) * (len(graph.frames) // len(dataset.items))
-    partial = PartialGraph(path, graph, key, {"frames": ends})
-    try:
-        todo = np.flatnonzero(~partial.done).tolist()
-        done, total = len(dataset.items) - len(todo), len(dataset.items)
-        report(done, total)
-        views = rendered(
-            dataset.source,
-            [(i, dataset.items[i]) for i in todo],
-            size=size,
-            elevations=elevations,
-            processes=max(1, min(workers or cores(), len(todo) // _SHARE)),
-        )
-        with closing(views):
-            for i, frames in views:
-                partial.write(i, frames=frames)
-                done += 1
-                report(done, total)
-    except BaseException as error:
-        partial.leave(keep=isinstance(error, CacheError) or not isinstance(error, DataError))
-        raise
-    partial.finish()
+def _frame_names(dataset: Dataset, made_by: Mapping[str, Any]) -> list[str]:
+    """For each object a digest of all that its frames are made from, its name and split not among it."""
+    return [
+        _digest([dict(dataset.origin), made_by, item.category, item.parts, item.stamp])
+        for item in dataset.items
+    ]
+
+
+def _digest(value: object) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:20]
 
 
 def _without_frames(dataset: Dataset, size: int, elevations: Sequence[float]) -> ViewGraph:
-    """The graph of a dataset's views; its frames are zeros that take no room."""
+    """The graph of a dataset's views; its frames are zeros that take no memory, its starts in one split."""
     items, around = dataset.items, len(AZIMUTHS)
     ring = [f"e{elevation:g}_a{azimuth:03d}" for elevation in elevations for azimuth in AZIMUTHS]
     first = np.arange(len(items)) * len(ring)
@@ -146,5 +126,5 @@ def _without_frames(dataset: Dataset, size: int, elevations: Sequence[float]) ->
         view_names=tuple(ring) * len(items),
         start_view=(first[:, None] + np.arange(around)).ravel().astype(np.int32),
         start_target=np.repeat(np.arange(len(items), dtype=np.int32), around),
-        start_split=np.repeat(np.array([SPLITS.index(item.split) for item in items], np.uint8), around),
+        start_split=np.zeros(len(items) * around, np.uint8),
     )

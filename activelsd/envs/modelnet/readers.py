@@ -44,8 +44,8 @@ def decode_mesh(data: bytes, name: str, *, beside: Path | None = None) -> Mesh:
 
     Args:
         data: the file.
-        name: what errors call it.
-        beside: where the file lies, if it does, for formats that refer to others next to it.
+        name: of the file in messages.
+        beside: path of the file if it has one, for formats that refer to files next to it.
 
     Raises:
         DataError: it is not a whole mesh.
@@ -60,7 +60,7 @@ def read_off(data: bytes, name: str) -> Mesh:
 
     Args:
         data: the file.
-        name: what errors call it.
+        name: of the file in messages.
 
     Raises:
         DataError: not an ASCII OFF file, cut short, without faces, or with numbers that cannot be.
@@ -129,7 +129,7 @@ def _cut(name: str, read: int, wanted: int, what: str) -> str:
 
 
 def _table(lines: Sequence[bytes], name: str) -> list[NDArray[np.float64]]:
-    """The numbers of every line; one parse where all lines are alike, which is a hundred times faster."""
+    """The numbers of every line; parsed at once if all lines are alike, which is a hundred times faster."""
     widths = {len(line.split()) for line in lines}
     if len(widths) == 1:
         values = _numbers(b"\n".join(lines))
@@ -146,7 +146,7 @@ def _table(lines: Sequence[bytes], name: str) -> list[NDArray[np.float64]]:
 
 
 def _numbers(text: bytes) -> NDArray[np.float64] | None:
-    """The numbers in a text, or None where something else is in it."""
+    """The numbers in a text, or None if there is something else in it."""
     if not text.strip():
         return np.zeros(0)
     with warnings.catch_warnings():

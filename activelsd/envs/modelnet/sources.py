@@ -1,22 +1,23 @@
-"""What objects are made of: mesh files, pictures by others, or embedded shapes; each gives their views.
+"""Where the views of objects come from: mesh files, pictures rendered by others, or embedded shapes.
 
-A source is small and says itself in JSON, so that a rendering process elsewhere can be given the same one.
+A source can be described in JSON (`spec`), so that another process can make the same one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd.envs.modelnet.files import Folder, Zip, open_files
+from activelsd.envs.modelnet.files import FOLDERS, Folder, Zip, open_files
 from activelsd.envs.modelnet.pictures import decode
 from activelsd.envs.modelnet.readers import decode_mesh
-from activelsd.envs.modelnet.splits import FOLDERS
+from activelsd.envs.workers import Work
 from activelsd.errors import DataError
 from activelsd.scenery.meshes import Mesh
 
@@ -32,20 +33,18 @@ class Item:
     category: str
     split: str  # train, val or test
     parts: tuple[str, ...]  # what its source makes it of: a mesh's path, twelve pictures', or a number
+    stamp: str  # changes when the files of its parts do
 
 
 class Source(Protocol):
     """Gives the views of the items of one dataset."""
 
-    code: ClassVar[tuple[str, ...]]
-    """Patterns of the modules here that its pictures depend on, so that a change in them remakes caches."""
-
     def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
-        """uint8 (E * 12, size, size), elevation after elevation. Raises DataError naming what is broken."""
+        """uint8 (E * 12, size, size), elevation after elevation. Raises DataError that names what broke."""
         ...
 
     def spec(self) -> dict[str, str | int]:
-        """What `source_from` makes the same source of."""
+        """The description that `source_from` makes the same source from."""
         ...
 
 
@@ -53,11 +52,10 @@ class Source(Protocol):
 class MeshFiles:
     """Meshes of a folder or zip."""
 
-    code: ClassVar[tuple[str, ...]] = ("renderer.py", "readers.py")
     files: Folder | Zip
 
     def mesh(self, item: Item) -> Mesh:
-        """The mesh of an item. Raises DataError naming the file where it is broken."""
+        """The mesh of an item. Raises DataError that names the file if it is broken."""
         (path,) = item.parts
         beside = self.files.root / path if isinstance(self.files, Folder) else None
         return decode_mesh(self.files.read(path), self.files.where(path), beside=beside)
@@ -75,7 +73,6 @@ class MeshFiles:
 class PictureFiles:
     """Views rendered by others, in a folder or zip."""
 
-    code: ClassVar[tuple[str, ...]] = ("pictures.py",)
     files: Folder | Zip
 
     def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
@@ -93,7 +90,6 @@ class PictureFiles:
 class Shapes:
     """The embedded shapes, drawn by number: asking for more of them leaves the earlier ones as they are."""
 
-    code: ClassVar[tuple[str, ...]] = ("renderer.py", "shapes/*.py")
     seed: int
 
     def mesh(self, item: Item) -> Mesh:
@@ -125,8 +121,20 @@ def source_from(spec: dict[str, str | int]) -> Source:
     return MeshFiles(files=files) if spec["kind"] == "meshes" else PictureFiles(files=files)
 
 
+@contextmanager
+def renderer(job: Mapping[str, Any]) -> Iterator[Work]:
+    """Makes the views of items from the source of a job, see `workers.spread`."""
+    source = source_from(job["source"])
+
+    def render(item: Mapping[str, Any]) -> bytes:
+        known = Item(**{**item, "parts": tuple(item["parts"])})
+        return source.views(known, size=job["size"], elevations=job["elevations"]).tobytes()
+
+    yield render
+
+
 def _rendered(mesh: Mesh, name: str, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
-    from activelsd.scenery.orbit_renderer import render_views  # pictures do without embree
+    from activelsd.scenery.orbit_renderer import render_views  # embree is not needed for pictures
 
     try:
         return render_views(mesh, size=size, azimuths=AZIMUTHS, elevations=elevations)

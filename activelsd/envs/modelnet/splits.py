@@ -1,18 +1,12 @@
 """Which objects train, validate and test: the official split, MVCNN's part of it, and the LSD-Net authors'.
 
-A rule works on the sorted names of one class in one folder (`train` or `test`), so it holds for every data
-set in ModelNet's layout.
+A rule works on the sorted names of one class in one folder (`train` or `test`), so it can be used with every
+data set in ModelNet's layout. Objects for validation are taken from `train`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-from activelsd.errors import ConfigError, did_you_mean
-
-RULES = ("official", "mvcnn", "lsdnet")
-FOLDERS = ("train", "test")
-"""The folders of every class; objects for validation are taken from `train`."""
 
 MVCNN_LIMIT = {"train": 80, "test": 20}
 VAL_EVERY = 10
@@ -20,32 +14,22 @@ VAL_OFFSET = 1
 
 
 def chosen(names: Sequence[str], folder: str, rule: str) -> list[str]:
-    """The objects that a rule takes of one class and folder.
+    """The objects that a rule takes from one class and folder.
 
     `official` takes all. `mvcnn` takes the first 80 of `train` and the first 20 of `test` in order of names
-    (Su et al. 2015). `lsdnet` takes those less the last one, also where there are fewer: the LSD-Net authors'
+    (Su et al. 2015). `lsdnet` takes those without the last one, also if there are fewer: the LSD-Net authors'
     lists are one short in every class, which makes 3143 and 760 of ModelNet40.
 
     Args:
         names: of all objects of a class in a folder, in any order.
         folder: `train` or `test`.
-        rule: one of `RULES`.
-
-    Raises:
-        ConfigError: there is no such rule.
+        rule: as `env.dataset.split`.
     """
-    check_rule(rule)
     in_order = sorted(names)
     if rule == "official":
         return in_order
     first = in_order[: MVCNN_LIMIT[folder]]
     return first[:-1] if rule == "lsdnet" else first
-
-
-def check_rule(rule: str) -> None:
-    """Raise ConfigError where there is no such rule."""
-    if rule not in RULES:
-        raise ConfigError(f"There is no split '{rule}' of objects; {did_you_mean(rule, RULES)}")
 
 
 def with_validation(names: Sequence[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""AI2-THOR's controller made safe: however its simulator fails, one error says so and nothing is left."""
+"""A safe AI2-THOR controller: any failure of its simulator raises one error and is fully cleaned up."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from activelsd.envs.thor.watchdog import Watchdog
 from activelsd.errors import ConfigError, SimulatorError, SimulatorLost, UserError, did_you_mean
 
 RESTARTS, WINDOW_S = 3, 600.0
-"""A simulator that was lost is started again at most so often within so many seconds."""
+"""At most `RESTARTS` restarts of a lost simulator within `WINDOW_S` seconds."""
 
 LOG = HOME / "log" / "unity.log"
 
 
 class GuardedController:
-    """Starts and talks to one AI2-THOR simulator, like `ai2thor.controller.Controller`, and survives it.
+    """Runs one AI2-THOR simulator, like `ai2thor.controller.Controller`, and handles its failures.
 
-    The simulator starts at the first `reset`. Where it crashes, hangs, or answers what cannot be understood,
-    the call that notices it ends in `SimulatorLost`, with no process, thread, pipe or folder left, and the
-    next `reset` starts another. An action that fails is no error: the event says so. An action that the
-    simulator does not know, or with wrong arguments, is a programming error: ValueError.
+    The simulator starts at the first `reset`. If it crashes, hangs or sends an unreadable answer, the current
+    call raises `SimulatorLost`; no process, thread, pipe or folder remains, and the next `reset` starts a new
+    simulator. An action that fails raises nothing: the event says so. An unknown action, or wrong arguments,
+    is a programming error: ValueError.
 
     Usage: `with GuardedController(width=224, height=224) as controller: controller.reset("FloorPlan1")`
     """
@@ -51,19 +51,19 @@ class GuardedController:
         step_timeout_s: float = 60.0,
         **initialize: object,
     ) -> None:
-        """Nothing is started yet.
+        """Stores the settings; nothing is started yet.
 
         Args:
-            executable: a simulator of one's own, as a path or a command line; else the downloaded build.
-            width: of the frames, in pixels.
-            height: of the frames, in pixels.
-            field_of_view: vertical, in degrees.
-            platform: of a downloaded build; else `Linux64` with a display, `CloudRendering` without.
-            x_display: as `:0`; else that of the environment.
-            gpu_device: the card `CloudRendering` draws with; else the first it sees.
-            start_timeout_s: how long it may take to start and load a scene, or to load another scene.
-            step_timeout_s: how long it may take to answer an action.
-            initialize: what AI2-THOR's `Initialize` takes beside, as `renderInstanceSegmentation=True`.
+            executable: path or command line of another simulator; None for the downloaded build.
+            width: width of the frames in pixels.
+            height: height of the frames in pixels.
+            field_of_view: vertical field of view in degrees.
+            platform: platform of the downloaded build; None for the default, see `choose_platform`.
+            x_display: X display such as `:0`; None for the environment's DISPLAY.
+            gpu_device: GPU that `CloudRendering` renders on; None for the first.
+            start_timeout_s: most seconds to start and load a scene, or to load another scene.
+            step_timeout_s: most seconds to answer an action.
+            initialize: AI2-THOR's other `Initialize` parameters, such as `renderInstanceSegmentation=True`.
         """
         self._launch = (executable, platform, x_display, gpu_device)
         self._settings = {"width": width, "height": height, "fieldOfView": field_of_view, **initialize}
@@ -71,17 +71,17 @@ class GuardedController:
         self._simulator: _Simulator | None = None
         self._finalizer: weakref.finalize[..., GuardedController] | None = None
         self._last_event: Event | None = None
-        self._lost: str | None = None  # why the simulator before was lost, until another runs
+        self._lost: str | None = None  # why the previous simulator was lost, until a new one runs
         self._restarts: deque[float] = deque(maxlen=RESTARTS)
 
     def reset(self, scene: str) -> Event:
-        """Load a scene, in a simulator that is started where none runs.
+        """Loads a scene; starts a simulator if none is running.
 
         Args:
-            scene: as `FloorPlan5`.
+            scene: name of the scene, such as `FloorPlan5`.
 
         Raises:
-            SimulatorLost: the simulator was lost on the way.
+            SimulatorLost: the simulator was lost during the call.
             SimulatorError: it was lost too often.
             UserError: something that it needs is missing, or there is no such scene.
         """
@@ -92,24 +92,24 @@ class GuardedController:
         return self._call(self._start_timeout_s, lambda: controller.reset(scene))
 
     def step(self, action: str, **arguments: object) -> Event:
-        """Take an action; what came of it is in the event's metadata.
+        """Takes an action; the event's metadata has the result.
 
         Raises:
-            SimulatorLost: the simulator was lost, or there is none, as before the first reset.
-            ValueError: AI2-THOR knows no such action, or not with these arguments.
+            SimulatorLost: the simulator was lost, or none is running, as before the first reset.
+            ValueError: AI2-THOR does not know the action or these arguments.
         """
         if self._simulator is None:
-            raise SimulatorLost("No AI2-THOR simulator runs; a reset starts one.")
+            raise SimulatorLost("No AI2-THOR simulator is running; a reset starts one.")
         controller = self._simulator.controller
         return self._call(self._step_timeout_s, lambda: controller.step(action=action, **arguments))
 
     @property
     def last_event(self) -> Event | None:
-        """What the simulator answered last."""
+        """The simulator's last answer."""
         return self._last_event
 
     def stop(self) -> None:
-        """End the simulator, if one runs, and leave nothing behind; also done at the interpreter's exit."""
+        """Stops the simulator, if any, and removes all its resources; also runs at the interpreter's exit."""
         if self._finalizer is not None:
             self._finalizer()
         self._simulator = self._finalizer = None
@@ -128,8 +128,8 @@ class GuardedController:
         options = launch_options(*self._launch)
         self._simulator = simulator = _Simulator()
         self._finalizer = weakref.finalize(self, simulator.close)
-        beyond = 2 * max(self._start_timeout_s, self._step_timeout_s)  # the watchdog's turn comes before
-        options |= {"server_timeout": beyond, "server_start_timeout": beyond, "scene": scene}
+        timeout = 2 * max(self._start_timeout_s, self._step_timeout_s)  # longer than the watchdog's
+        options |= {"server_timeout": timeout, "server_start_timeout": timeout, "scene": scene}
         try:
             event = self._call(self._start_timeout_s, lambda: simulator.start(options | self._settings))
         except BaseException:
@@ -143,12 +143,12 @@ class GuardedController:
         if len(self._restarts) == RESTARTS and now - self._restarts[0] < WINDOW_S:
             raise SimulatorError(
                 f"AI2-THOR's simulator was lost {RESTARTS + 1} times within {WINDOW_S / 60:g} minutes, the"
-                f" last time because {reason}: look into {LOG}; {INSTEAD}."
+                f" last time because {reason}; see the log {LOG}; {INSTEAD}."
             )
         self._restarts.append(now)
 
     def _call(self, seconds: float, call: Callable[[], Any]) -> Event:
-        """Talk to the simulator; where that fails it is cleared away before the error is raised."""
+        """Calls the simulator; if that fails, cleans up before raising the error."""
         simulator = self._simulator
         assert simulator is not None
         try:
@@ -158,9 +158,10 @@ class GuardedController:
             if simulator.refuses(error):
                 raise
             if simulator.process is None:
-                raise ConfigError(f"AI2-THOR cannot be started: {_say(error)}; {INSTEAD}.") from None
-            raise self._lose(simulator.watchdog.lost or f"talking to it failed ({_say(error)})") from error
-        except BaseException:  # as Ctrl-C, after which an answer may be on its way that nobody awaits
+                raise ConfigError(f"AI2-THOR cannot be started: {_describe(error)}; {INSTEAD}.") from None
+            reason = simulator.watchdog.lost or f"the connection to it failed ({_describe(error)})"
+            raise self._lose(reason) from error
+        except BaseException:  # such as Ctrl-C: an answer that nobody reads may still arrive
             self.stop()
             raise
         self._last_event = _contiguous(event)
@@ -169,11 +170,11 @@ class GuardedController:
     def _lose(self, reason: str) -> SimulatorLost:
         self.stop()
         self._lost = reason
-        return SimulatorLost(f"AI2-THOR's simulator was lost: {reason}; its log is {LOG}.")
+        return SimulatorLost(f"AI2-THOR's simulator was lost: {reason}; see its log {LOG}.")
 
 
 class _Simulator:
-    """One of AI2-THOR's controllers, made without starting anything, and the watchdog over it."""
+    """An AI2-THOR controller, created but not started, and its watchdog."""
 
     def __init__(self) -> None:
         kind = load_controller()
@@ -181,13 +182,13 @@ class _Simulator:
         self.watchdog = Watchdog(self.controller)
 
     def start(self, settings: Mapping[str, object]) -> Any:
-        """Run the controller's constructor, which starts the player and loads a scene; the event of that."""
+        """Runs the controller's constructor, which starts the player and loads a scene; returns the event."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ResourceWarning)  # it leaves the player's log to be closed
+            warnings.simplefilter("ignore", ResourceWarning)  # it does not close the player's log
             try:
                 self.controller.__init__(**settings)
             except BaseException as error:
-                traceback.clear_frames(error.__traceback__)  # which may hold that log
+                traceback.clear_frames(error.__traceback__)  # these may keep that log open
                 if isinstance(error, ValueError):
                     self.check_scene(str(settings["scene"]))
                 raise
@@ -195,40 +196,40 @@ class _Simulator:
 
     @property
     def process(self) -> subprocess.Popen[bytes] | None:
-        """The player, once it was started."""
+        """The player's process; None before it is started."""
         server = vars(self.controller).get("server")
         return None if server is None else server.unity_proc
 
     def check_scene(self, scene: str) -> None:
-        """Raise ConfigError where the build is known to have no such scene."""
+        """Raises ConfigError if the build is known to lack the scene."""
         known = vars(self.controller).get("_scenes_in_build")
         if known and self.controller.normalize_scene(scene) not in known:
             names = [name.removesuffix("_physics") for name in sorted(known)]
-            hint = did_you_mean(scene, names, f"{names[0]} is one.")
-            raise ConfigError(f"{scene} is no scene of this build of AI2-THOR; {hint}") from None
+            hint = did_you_mean(scene, names, f"an example is {names[0]}.")
+            raise ConfigError(f"This build of AI2-THOR has no scene {scene}; {hint}") from None
 
     def refuses(self, error: Exception) -> bool:
-        """Whether an error is about what was asked for, of a simulator that goes on."""
+        """Whether an error only rejects the request, so the simulator keeps running."""
         if isinstance(error, UserError):
             return True
         if not isinstance(error, ValueError) or self.process is None or self.process.poll() is not None:
             return False
-        event = self.controller.last_event  # of an answer that could not be read, it is not
+        event = self.controller.last_event  # an unreadable answer does not set it
         return event is not None and str(error) == event.metadata["errorMessage"]
 
     def close(self) -> None:
-        """Kill and reap the player, and clear away all there is of it; the client's own `stop` may raise."""
+        """Kills and reaps the player and removes all its resources; the client's own `stop` may raise."""
         self.watchdog.close()
         parts = vars(self.controller)
         server, build = parts.get("server"), parts.get("_build")
         if server is not None:
             if server.unity_proc is not None:
                 server.unity_proc.kill()
-                with contextlib.suppress(subprocess.TimeoutExpired):  # stuck in a driver, it cannot be helped
+                with contextlib.suppress(subprocess.TimeoutExpired):  # stuck in a driver: nothing to do
                     server.unity_proc.wait(5)
             for pipe in (server.client_pipe, server.server_pipe):
                 if pipe is not None:
-                    with contextlib.suppress(OSError):  # what was not sent yet
+                    with contextlib.suppress(OSError):  # unsent data
                         pipe.close()
             server.tmp_dir.cleanup()
         if getattr(build, "_lock", None) is not None:
@@ -236,16 +237,16 @@ class _Simulator:
 
 
 def _contiguous(event: Any) -> Event:
-    """The event with its pictures in the usual order of rows; they come last row first."""
+    """The event with its images as contiguous arrays; they arrive with the rows reversed."""
     for name in ("frame", "depth_frame"):
         if (picture := getattr(event, name)) is not None:
             setattr(event, name, np.ascontiguousarray(picture))
-    found: Event = event
-    return found
+    converted: Event = event
+    return converted
 
 
-def _say(error: BaseException) -> str:
-    """What went wrong, on one line; the client puts an error of its own around the telling one."""
+def _describe(error: BaseException) -> str:
+    """One line about an error, or about the error inside it: the client wraps the informative one."""
     inner = error.__context__ or error
     text = " ".join(str(inner).split())
     return f"{type(inner).__name__}: {text[:200]}" if text else type(inner).__name__

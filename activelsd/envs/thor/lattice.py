@@ -1,7 +1,7 @@
-"""Where an agent can stand in a simulated room and which way it can look, in whole numbers.
+"""The lattice of an agent's places and view directions in a simulated room, as integers.
 
-Steps of 0.25 m taken at 45 degrees leave a simulator's grid, and poses come back noisy. So places are cells
-of a grid over its reachable positions, directions are counted, and poses are worked out anew every time.
+Steps of 0.25 m at 45 degrees leave a simulator's grid, and the poses it returns are noisy. So places are
+lattice cells over its reachable positions, directions are indices, and poses are always computed from both.
 """
 
 from __future__ import annotations
@@ -12,28 +12,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.thor.settings import MOVES
 from activelsd.errors import DataError
 
 HEADINGS = 8
-"""Directions of 45 degrees, clockwise seen from above, the first along z."""
+"""Headings in steps of 45 degrees, clockwise seen from above; the first is along z."""
 
-MOVES = (
-    "forward", "backward", "left", "right", "rotate_cw", "rotate_ccw", "look_up", "look_down"
-)  # fmt: skip
-
-_STEPS = {"forward": 0, "right": 2, "backward": 4, "left": 6}  # headings clockwise of the agent's own
+_STEPS = {"forward": 0, "right": 2, "backward": 4, "left": 6}  # headings clockwise from the agent's
 _TURNS = {"rotate_cw": 1, "rotate_ccw": -1}
 _TILTS = {"look_up": -1, "look_down": 1}
 _ALONG = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)])
-"""Columns (x) and rows (z) that a step in each heading passes."""
+"""Column (x) and row (z) offsets of a step in each heading."""
 
 
 _RECORDED = [0, 2, 3, 1, 4]
-"""The order in which a `ViewGraph` keeps a pose's numbers."""
+"""The fields of `Pose` in the order of a `ViewGraph`'s poses."""
 
 
 class Pose(NamedTuple):
-    """Where an agent stands, in metres, and looks, in degrees."""
+    """An agent's position in metres and view direction in degrees."""
 
     x: float
     y: float
@@ -43,31 +40,31 @@ class Pose(NamedTuple):
 
     @classmethod
     def recorded(cls, row: NDArray[np.float32]) -> Pose:
-        """The pose that a row (5,) of a `ViewGraph`'s poses tells."""
+        """The pose in a row (5,) of a `ViewGraph`'s poses."""
         x, z, rotation, y, horizon = row.tolist()
         return cls(x, y, z, rotation, horizon)
 
 
 class Lattice(NamedTuple):
-    """N cells, in each of which the agent looks in 8 headings at H horizons: V = 8 N H views.
+    """N cells with 8 headings and H horizons each: V = 8 N H views.
 
-    Views are numbered cell by cell, in a cell heading by heading, in a heading from the highest look down.
+    Views are numbered by cell, then heading, then horizon from the highest view to the lowest.
     """
 
     cells: NDArray[np.int64]  # (N, 2) column and row
-    origin: tuple[float, float, float]  # metres: where column 0 and row 0 are, and the agent's height
+    origin: tuple[float, float, float]  # metres: x of column 0, the agent's y, z of row 0
     step: float  # metres
-    horizons: tuple[float, ...]  # H, degrees down, rising
+    horizons: tuple[float, ...]  # H, degrees down, ascending
 
     @property
     def views(self) -> int:
-        """V."""
+        """The number of views, V."""
         return len(self.cells) * HEADINGS * len(self.horizons)
 
     def pose(self, view: int) -> Pose:
-        """Where the agent stands and looks in a view.
+        """The agent's pose in a view.
 
-        In single precision, as a `ViewGraph` keeps it: who goes there by a recording sees the same.
+        It is rounded to single precision, as in a `ViewGraph`, so that a recorded pose gives the same image.
         """
         place, horizon = divmod(view, len(self.horizons))
         cell, heading = divmod(place, HEADINGS)
@@ -83,48 +80,48 @@ class Lattice(NamedTuple):
         return Pose(*np.array(pose, np.float32).tolist())
 
     def poses(self) -> NDArray[np.float32]:
-        """(V, 5) x, z, rotation, y and horizon of every view, as a `ViewGraph` has them."""
+        """(V, 5) x, z, rotation, y and horizon of every view, as in a `ViewGraph`."""
         poses = np.array([self.pose(view) for view in range(self.views)], np.float32)
         return poses[:, _RECORDED]
 
     def only(self, kept: NDArray[np.bool_]) -> Lattice:
-        """The lattice of those of its cells, bool (N,)."""
+        """The lattice with only the cells for which `kept`, bool (N,), is True."""
         return self._replace(cells=self.cells[kept])
 
     def moves(self) -> NDArray[np.int32]:
-        """(V, 8) view that each of `MOVES` leads to, -1 where it is blocked.
+        """(V, 8) view that each of `MOVES` leads to, -1 if it is blocked.
 
-        A diagonal step needs both cells beside its way; a turn goes round, a tilt ends at the last horizon.
+        A diagonal step needs both adjacent cells; turns wrap around, tilts end at the last horizon.
         """
         n, tilts = len(self.cells), len(self.horizons)
         cell, heading, horizon = np.unravel_index(np.arange(self.views), (n, HEADINGS, tilts))
         beside = self._neighbours()[cell]
         moves = np.full((self.views, len(MOVES)), -1, np.int32)
 
-        def lead(
+        def connect(
             name: str, to: NDArray[np.int64], heading: NDArray[np.int64], horizon: NDArray[np.int64]
         ) -> None:
-            there = (to >= 0) & (horizon >= 0) & (horizon < tilts)
+            possible = (to >= 0) & (horizon >= 0) & (horizon < tilts)
             view = (to * HEADINGS + heading % HEADINGS) * tilts + horizon
-            moves[there, MOVES.index(name)] = view[there]
+            moves[possible, MOVES.index(name)] = view[possible]
 
         for name, turned in _STEPS.items():
-            way = (heading + turned) % HEADINGS
-            lead(name, np.take_along_axis(beside, way[:, None], 1)[:, 0], heading, horizon)
+            direction = (heading + turned) % HEADINGS
+            connect(name, np.take_along_axis(beside, direction[:, None], 1)[:, 0], heading, horizon)
         for name, by in _TURNS.items():
-            lead(name, cell, heading + by, horizon)
+            connect(name, cell, heading + by, horizon)
         for name, by in _TILTS.items():
-            lead(name, cell, heading, horizon + by)
+            connect(name, cell, heading, horizon + by)
         return moves
 
     def _neighbours(self) -> NDArray[np.int64]:
-        """(N, 8) number of the cell a step away in each heading, -1 for none."""
+        """(N, 8) index of the cell one step away in each heading, -1 for none."""
         low = self.cells.min(0) - 1
         number = np.full(self.cells.max(0) - low + 2, -1)
         number[tuple((self.cells - low).T)] = np.arange(len(self.cells))
         around = number[tuple((self.cells - low).T[:, :, None] + _ALONG.T[:, None, :])]
         free = around >= 0
-        # Odd headings are diagonal: the ways on either side must be free too.
+        # Odd headings are diagonal: the headings on both sides must be free too.
         free[:, 1::2] &= free[:, 0::2] & np.roll(free[:, 0::2], -1, axis=1)
         return np.where(free, around, -1)
 
@@ -135,22 +132,20 @@ def lattice_of(
     """The lattice over a simulator's reachable positions.
 
     Args:
-        positions: as GetReachablePositions returns them, metres by `x`, `y`, `z`; noise of some millimetres
-            is snapped away.
-        step: between cells, metres.
-        horizons: degrees down.
+        positions: result of GetReachablePositions, `x`, `y`, `z` in metres; noise of a few millimetres is
+            rounded away.
+        step: distance between cells in metres.
+        horizons: tilts in degrees down.
 
     Raises:
         DataError: there is no position.
     """
-    found = np.array([(place["x"], place["y"], place["z"]) for place in positions], np.float64)
-    if not len(found):
-        raise DataError(
-            "The simulator's room has no position that its agent can reach; leave that scene out."
-        )
-    level = found[:, [0, 2]]
-    low = level.min(0)
-    cells = np.unique(np.rint((level - low) / step).astype(np.int64), axis=0)
-    # Millimetres are as exact as positions come; what is less would differ from one start to the next.
-    (x, z), y = np.round(low, 3).tolist(), round(float(np.median(found[:, 1])), 3)
+    points = np.array([(place["x"], place["y"], place["z"]) for place in positions], np.float64)
+    if not len(points):
+        raise DataError("The scene has no position that the agent can reach; leave that scene out.")
+    floor = points[:, [0, 2]]
+    low = floor.min(0)
+    cells = np.unique(np.rint((floor - low) / step).astype(np.int64), axis=0)
+    # Positions are exact to a millimetre; finer digits differ between starts of the simulator.
+    (x, z), y = np.round(low, 3).tolist(), round(float(np.median(points[:, 1])), 3)
     return Lattice(cells, (x, y, z), step, tuple(sorted(horizons)))

@@ -1,7 +1,7 @@
-"""Scenes into view graphs: every view of a scene's lattice taken once, its targets' boxes and crops with it.
+"""Records a scene as a view graph: every view of its lattice once, with boxes and crops of its targets.
 
-A scene is a file of its own in the cache, so what is recorded stays whatever comes after, and is shared by
-all settings that need it.
+A scene is a file of its own in the cache, so that it is kept if a later one fails, and is shared by all
+settings that need it.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from activelsd.envs.crops import cut_out, squashed
 from activelsd.envs.episode import View
-from activelsd.envs.thor.lattice import HEADINGS, MOVES, Lattice
+from activelsd.envs.thor.lattice import HEADINGS, Lattice
 from activelsd.envs.thor.room import Event, Scene, Sight, WalkableRoom, photograph, sight, unhindered
+from activelsd.envs.thor.settings import MOVES
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import DataError
 
 EASY, MODERATE, HARD = 1, 2, 3
 DIFFICULTIES = ("easy", "moderate", "hard")
-"""Of a view of a target, and what they are called."""
+"""Difficulties of a view of a target, and their names."""
 
 CHECKED = 0.01
 """Share of a recording's views that are taken a second time."""
@@ -32,14 +33,14 @@ _EASY, _MODERATE = 0.25, 0.05
 """Least shares of the most pixels that a target has anywhere."""
 
 _HIDDEN = 0.25
-"""Share of a target's extent in the picture; where fewer pixels show it, it is hard."""
+"""Share of a target's extent in the picture; if fewer pixels show it, it is hard."""
 
 
 class ViewMaker:
-    """Turns what a simulator answers into what an agent sees."""
+    """Makes the views of an agent from a simulator's answers."""
 
     def __init__(self, size: int, field_of_view: float) -> None:
-        """For frames and crops of `size` pixels, by a camera of so many degrees from top to bottom."""
+        """Make frames and crops of `size` pixels; the camera sees so many degrees from top to bottom."""
         self.size, self.field_of_view = size, field_of_view
 
     def view(self, event: Event, name: str) -> View:
@@ -91,7 +92,7 @@ def record(
         target, in no split but the first.
 
     Raises:
-        DataError: the scene has nothing to ask for or to stand on, or looks otherwise the second time.
+        DataError: the scene has nothing to ask for or to stand on, or looks different the second time.
     """
     scene = room.enter(name)
     if not scene.targets:
@@ -107,7 +108,7 @@ def record(
 
 
 class _Taken:
-    """What was seen of a scene so far."""
+    """The views of a scene that were taken so far."""
 
     def __init__(self, camera: ViewMaker, scene: Scene) -> None:
         self._camera, self._scene = camera, scene
@@ -119,7 +120,7 @@ class _Taken:
         self._shape: tuple[int, ...] = ()
 
     def cell(self, room: WalkableRoom, cell: int, progress: Callable[[int, int], None] | None) -> bool:
-        """Look from a cell in all directions; False, and nothing kept, where the agent lands elsewhere."""
+        """Look from a cell in all directions; False, and nothing is kept, if the agent lands elsewhere."""
         lattice, camera = self._scene.lattice, self._camera
         per_cell = HEADINGS * len(lattice.horizons)
         marks = len(self._frames), len(self._pairs)
@@ -146,7 +147,7 @@ class _Taken:
         return True
 
     def graph(self, lattice: Lattice, classes: Sequence[str]) -> ViewGraph:
-        """All of it, on the lattice of the cells that were kept."""
+        """The graph of all views, on the lattice of the cells that were kept."""
         scene, size = self._scene, self._camera.size
         pairs = np.array(self._pairs, np.int32).reshape(-1, 2)
         if not len(pairs):
@@ -206,7 +207,7 @@ def difficulties(
 
 
 def _check(room: WalkableRoom, scene: Scene, graph: ViewGraph, camera: ViewMaker, seed: int) -> None:
-    """Raise DataError where views taken once more look otherwise than they are recorded."""
+    """Raise DataError if views that are taken again differ from the recorded ones."""
     count = max(1, round(CHECKED * scene.lattice.views))
     for view in np.random.default_rng(seed).choice(scene.lattice.views, count, replace=False).tolist():
         event = room.stand(scene.lattice.pose(view))

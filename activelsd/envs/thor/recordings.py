@@ -1,155 +1,105 @@
-"""Recordings of scenes in the cache, each made once, by as many simulators as asked for."""
+"""Records scenes into files of the cache, each once, with as many simulators as asked for."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from functools import lru_cache
-from importlib import resources
-from multiprocessing import get_context
-from multiprocessing.sharedctypes import Synchronized
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from activelsd.envs.cache import cache_file, make_once
+from activelsd.envs.cache import cache_file, make_once, writing
 from activelsd.envs.cores import cores
+from activelsd.envs.digest import code_digest
+from activelsd.envs.settings import Progress
 from activelsd.envs.thor.record import ViewMaker, record
 from activelsd.envs.thor.room import WalkableRoom
-from activelsd.envs.thor.simulators import STANDIN, SimulatorSettings, build_of, start
+from activelsd.envs.thor.settings import STANDIN, THORSettings
+from activelsd.envs.thor.simulators import build_of, start
 from activelsd.envs.viewgraph import read_key, save_graph
+from activelsd.envs.workers import Item, Work, spread
 from activelsd.errors import SimulatorLost
-from activelsd.subprogram import NUMBER
 
-_ELSEWHERE = ("executable", "x_displays", "gpu_devices")
-"""Settings that pictures do not depend on, or that `build_of` tells better."""
-
-_SOURCES = ("pictures.py", "thor/lattice.py", "thor/record.py", "thor/room.py")
+_DECIDE = frozenset({"backend", "classes", "horizons", "size", "width", "height", "field_of_view", "step"})
+"""Settings that pictures depend on; `build_of` says which executable makes them."""
 
 
-class RecordingSettings(NamedTuple):
-    """What a recording depends on, in values that JSON holds."""
-
-    simulator: SimulatorSettings = SimulatorSettings()
-    horizons: tuple[float, ...] = (-30.0, 0.0, 30.0)  # degrees down
-    classes: tuple[str, ...] = ()
-    size: int = 64  # pixels of frames and crops
-
-    def room(self) -> WalkableRoom:
-        """A simulator of these settings, to walk."""
-        step = self.simulator.step
-        return WalkableRoom(start(self.simulator), step=step, horizons=self.horizons, classes=self.classes)
-
-    @property
-    def camera(self) -> ViewMaker:
-        """What makes its pictures."""
-        return ViewMaker(self.size, self.simulator.field_of_view)
+def walkable_room(world: THORSettings) -> WalkableRoom:
+    """A simulator with a world's settings, to walk."""
+    return WalkableRoom(start(world), step=world.step, horizons=world.horizons, classes=world.classes)
 
 
-class _Job(NamedTuple):
-    settings: RecordingSettings
-    scene: str
-    path: Path
+def view_maker(world: THORSettings) -> ViewMaker:
+    """What makes a world's views of what the simulator shows."""
+    return ViewMaker(world.size, world.field_of_view)
+
+
+class _Scene(NamedTuple):
+    name: str
+    path: str  # of its recording
     key: dict[str, Any]
 
 
-def recordings(
-    settings: RecordingSettings,
-    scenes: Sequence[str],
-    *,
-    cache: Path,
-    simulators: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[Path]:
-    """The files of scenes' recordings, in the order of the scenes; those that are not there are made.
+def recordings(world: THORSettings, scenes: Sequence[str], progress: Progress | None = None) -> list[Path]:
+    """The files of scenes' recordings, in the order of the scenes; missing ones are made.
 
-    What an interruption leaves is whole scenes, and the next call goes on with the others.
+    An interruption leaves whole scenes, and the next call goes on with the others.
 
     Args:
-        settings: what is recorded, and how.
+        world: what is recorded, and how.
         scenes: their names.
-        cache: folder for the files.
-        simulators: how many record side by side; None for one of AI2-THOR, or as many stand-ins as cores.
         progress: called with the number of scenes that are there and of all.
 
     Raises:
         UserError: the simulator cannot be started, a scene cannot be recorded, or the cache not be written.
     """
-    jobs = [_job(settings, scene, cache) for scene in scenes]
-    todo = [job for job in jobs if read_key(job.path) != job.key]
+    found = [_scene(world, scene) for scene in scenes]
+    todo = [i for i, scene in enumerate(found) if read_key(Path(scene.path)) != scene.key]
     report = progress or (lambda done, total: None)
     if todo:
-        report(len(jobs) - len(todo), len(jobs))
-        count = simulators or (cores() if settings.simulator.backend == STANDIN else 1)
-        with _made(todo, min(count, len(todo))) as made:
-            for number, _ in enumerate(made, len(jobs) - len(todo) + 1):
-                report(number, len(jobs))
-    return [job.path for job in jobs]
+        done = len(found) - len(todo)
+        report(done, len(found))
+        count = world.simulators or (cores() if world.backend == STANDIN else 1)
+        items = ((i, found[i]._asdict()) for i in todo)
+        job = world.model_dump(mode="json")
+        with closing(spread(f"{__name__}:recorder", job, items, processes=min(count, len(todo)))) as made:
+            for number, _ in enumerate(made, done + 1):
+                report(number, len(found))
+    return [Path(scene.path) for scene in found]
 
 
-def _job(settings: RecordingSettings, scene: str, cache: Path) -> _Job:
-    simulator = settings.simulator
-    key: dict[str, Any] = {"scene": scene, "code": _code(), "build": build_of(simulator)}
-    key |= {k: v for k, v in settings._asdict().items() if k != "simulator"}
-    key |= {k: v for k, v in simulator._asdict().items() if k not in _ELSEWHERE}
-    key["horizons"], key["classes"] = list(settings.horizons), list(settings.classes)
-    path = cache_file(cache, f"thor-{simulator.backend}-{scene}", settings.size, key)
-    return _Job(settings, scene, path, key)
-
-
-def _code() -> str:
-    """A digest of the modules that make what is recorded."""
-    package = resources.files("activelsd.envs")
-    return hashlib.sha256(b"".join((package / name).read_bytes() for name in _SOURCES)).hexdigest()[:16]
+def _scene(world: THORSettings, name: str) -> _Scene:
+    key = {"scene": name, "code": code_digest(record.__module__), "build": build_of(world)}
+    key |= world.model_dump(mode="json", include=set(_DECIDE))
+    path = cache_file(world.cache_folder, f"thor-{world.backend}-{name}", world.size, key)
+    return _Scene(name, str(path), key)
 
 
 @contextmanager
-def _made(jobs: Sequence[_Job], workers: int) -> Iterator[Iterator[Path]]:
-    """The files of all jobs, in any order, as they are made."""
-    if workers == 1:
-        room = jobs[0].settings.room()
-        try:
-            yield (_record(room, job) for job in jobs)
-        finally:
-            room.simulator.stop()
-        return
-    context = get_context("spawn")
-    pool = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(context.Value("i", 0),))
+def recorder(job: Mapping[str, Any]) -> Iterator[Work]:
+    """Records scenes with one simulator, started when one has to be recorded; see `workers.spread`."""
+    world, rooms = THORSettings.model_validate(job), list[WalkableRoom]()
+
+    def record_scene(item: Item) -> bytes:
+        scene = _Scene(**item)
+        path = Path(scene.path)
+
+        def make() -> None:
+            if not rooms:
+                rooms.append(walkable_room(world))
+            while True:
+                try:
+                    graph = record(rooms[0], scene.name, camera=view_maker(world), classes=world.classes)
+                except SimulatorLost:
+                    continue  # the client starts another, and gives up with an error of its own
+                with writing(path.parent):
+                    save_graph(graph, path, scene.key)
+                return
+
+        make_once(path, scene.key, make)
+        return b""
+
     try:
-        yield (future.result() for future in as_completed([pool.submit(_in_worker, job) for job in jobs]))
+        yield record_scene
     finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _begin(counter: Synchronized[int]) -> None:
-    """Take the next number; Ctrl-C is for the process that started this one."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with counter.get_lock():
-        os.environ[NUMBER] = str(counter.value)
-        counter.value += 1
-
-
-def _in_worker(job: _Job) -> Path:
-    return _record(_room(job.settings), job)
-
-
-@lru_cache(maxsize=1)
-def _room(settings: RecordingSettings) -> WalkableRoom:
-    """A process's simulator, started once."""
-    return settings.room()
-
-
-def _record(room: WalkableRoom, job: _Job) -> Path:
-    def fill() -> None:
-        while True:
-            try:
-                graph = record(room, job.scene, camera=job.settings.camera, classes=job.settings.classes)
-            except SimulatorLost:
-                continue  # the client starts another, and gives up by an error of its own
-            save_graph(graph, job.path, job.key)
-            return
-
-    return make_once(job.path, job.key, fill)
+        for room in rooms:
+            room.simulator.stop()

@@ -1,6 +1,6 @@
-"""A simulator walked by lattice: a scene entered, an agent put where a view is, and what it sees there.
+"""Walks a simulator by lattice: enters a scene, puts the agent at the pose of a view, and looks at targets.
 
-It is driven by the calls that AI2-THOR's own client and its stand-in share (AI2-THOR 5.0.0, `Controller`).
+It uses the calls that AI2-THOR's own client and the stand-in share (AI2-THOR 5.0.0, `Controller`).
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from activelsd.envs.thor.lattice import Lattice, Pose, lattice_of
 from activelsd.errors import DataError
 
 LANDING, TURN = 0.02, 0.5
-"""Metres and degrees from where it was sent that an agent may stand."""
+"""Metres and degrees by which an agent may miss the pose that it was sent to."""
 
 EYE = 0.675
-"""Metres of a standing agent's camera above the agent, where the simulator does not say."""
+"""Metres of a standing agent's camera above the agent, if the simulator does not say."""
 
 NEAREST = 0.05
 """Metres before the camera that its picture begins."""
 
 
 class Event(Protocol):
-    """What a simulator answers: what the agent sees, and what is known of the scene."""
+    """A simulator's answer: what the agent sees, and metadata of the scene."""
 
     @property
     def frame(self) -> NDArray[np.uint8]:
@@ -38,7 +38,7 @@ class Event(Protocol):
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """What is told of the agent, the objects and the action."""
+        """Of the agent, the objects and the action."""
 
 
 class Simulator(Protocol):
@@ -55,7 +55,7 @@ class Simulator(Protocol):
 
 
 class Target(NamedTuple):
-    """An object of a scene that may be asked for."""
+    """An object of a scene that may be the target of an episode."""
 
     id: str  # the simulator's
     kind: str
@@ -70,7 +70,7 @@ class Sight(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """A scene as it is walked."""
+    """A scene with its lattice and targets."""
 
     name: str
     lattice: Lattice
@@ -95,7 +95,7 @@ class WalkableRoom:
         self._step, self._horizons, self._classes = step, horizons, set(classes)
 
     def enter(self, name: str) -> Scene:
-        """Load a scene, with its lattice and the objects to ask for; from then on no others are reported.
+        """Load a scene with its lattice and targets; from then on the simulator reports no other objects.
 
         Raises:
             DataError: its agent can reach nothing.
@@ -113,12 +113,12 @@ class WalkableRoom:
             for item in sorted(objects, key=lambda item: str(item["objectId"]))
             if item["objectType"] in self._classes
         ]
-        # What a simulator costs is what it tells of objects, not the pixels.
+        # Reporting objects, not drawing pixels, takes most of a simulator's time.
         self.simulator.step("SetObjectFilter", objectIds=[target.id for target in targets])
         return Scene(name, lattice_of(places, step=self._step, horizons=self._horizons), tuple(targets))
 
     def stand(self, pose: Pose) -> Event | None:
-        """Put the agent there; None where the simulator refuses or it lands somewhere else."""
+        """Put the agent there; None if the simulator refuses or it lands somewhere else."""
         x, y, z, rotation, horizon = pose
         event = self.simulator.step(
             "TeleportFull",
@@ -143,7 +143,7 @@ def photograph(event: Event) -> NDArray[np.uint8]:
 
 
 def sight(event: Event, name: str) -> Sight | None:
-    """What is seen of an object, by its mask and the simulator's name of it; None where no pixel shows it."""
+    """What is seen of an object, by its mask and the simulator's name of it; None if no pixel shows it."""
     mask = event.instance_masks.get(name)
     if mask is None or not mask.any():
         return None
@@ -153,7 +153,7 @@ def sight(event: Event, name: str) -> Sight | None:
 
 
 def unhindered(event: Event, target: Target, pose: Pose, field_of_view: float) -> float:
-    """Pixels of the rectangle around a target's box in space, were nothing before it and the frame endless.
+    """Pixels that the rectangle around a target would have if nothing hid it and the frame were endless.
 
     Args:
         event: the simulator's answer at the pose.

@@ -1,7 +1,7 @@
-"""Stands in for AI2-THOR's Unity player: the calls and fields of `ai2thor.controller.Controller` 5.0.0.
+"""Replaces AI2-THOR's Unity player, with the calls and fields of `ai2thor.controller.Controller` 5.0.0.
 
-It needs no download, no display and no GPU: rooms of our own, ray-cast. What a world asks of THOR it answers
-in THOR's axes and under its names; what only Unity can do (picking up, opening, physics) it does not know.
+It needs no download, display or GPU: its rooms are our own and are ray-cast. It uses THOR's axes and names
+and supports what the worlds need; it does not support what needs Unity (picking up, opening, physics).
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from activelsd.envs.thor.standin_room import AGENT_Y, StandInPose, StandInRoom
 from activelsd.scenery.rooms.room_renderer import Picture
 
 _HORIZONS = (-30.0, 60.0)
-_SLACK = 1e-4  # degrees and metres by which an argument may be off
-_LANDING = 0.05  # metres that a teleport may be off the floor
+_TOLERANCE = 1e-4  # degrees by which a horizon may exceed its limits
+_LANDING = 0.05  # metres by which a teleport may miss the floor
 _INITIAL = {
     "fieldOfView": 90.0,
     "gridSize": 0.25,
@@ -31,16 +31,16 @@ _INITIAL = {
     "rotateStepDegrees": 90.0,
     "visibilityDistance": 1.5,
 }
-"""What `Initialize` sets, and stays over resets; other keywords only matter to Unity."""
+"""Parameters of `Initialize` and their defaults, kept over resets; other keywords only matter to Unity."""
 
 
 class StandInEvent:
-    """What an action gave. Pictures are taken when they are first asked for, the same bytes whenever.
+    """The result of an action. Images are rendered on first access and are always the same bytes.
 
     Attributes:
-        metadata: the fields of THOR's that are known here.
-        screen_width: pixels.
-        screen_height: pixels.
+        metadata: the supported fields of THOR's metadata.
+        screen_width: width of the images in pixels.
+        screen_height: height of the images in pixels.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class StandInEvent:
         depth: bool,
         masks: bool,
     ) -> None:
-        """Keep what a picture is taken with; without `depth` and `masks` there is none of that."""
+        """Stores how to render the image; depth and masks are available only if asked for."""
         self.metadata = metadata
         self.screen_width: int = metadata["screenWidth"]
         self.screen_height: int = metadata["screenHeight"]
@@ -69,17 +69,17 @@ class StandInEvent:
 
     @property
     def frame(self) -> NDArray[np.uint8]:
-        """Red, green, blue (H, W, 3)."""
+        """RGB image (H, W, 3)."""
         return self._picture.colour
 
     @property
     def depth_frame(self) -> NDArray[np.float32] | None:
-        """Metres along the camera's axis (H, W), where `renderDepthImage` is on."""
+        """Depth (H, W) in metres along the camera's axis; None unless `renderDepthImage` is on."""
         return self._picture.depth if self._depth else None
 
     @cached_property
     def instance_masks(self) -> dict[str, NDArray[np.bool_]]:
-        """Pixels (H, W) of every thing in the picture by its objectId, where segmentation is on."""
+        """Mask (H, W) of every visible object by its objectId; empty unless segmentation is on."""
         if not self._masks:
             return {}
         things = self._picture.things
@@ -87,7 +87,7 @@ class StandInEvent:
 
     @cached_property
     def instance_detections2D(self) -> dict[str, tuple[int, int, int, int]] | None:
-        """First and last column and row of every thing in the picture: x1, y1, x2, y2, all inclusive."""
+        """Inclusive x1, y1, x2, y2 of every visible object by objectId; None unless segmentation is on."""
         if not self._masks:
             return None
         found = enumerate(find_objects(self._picture.things + 1))
@@ -98,29 +98,29 @@ class StandInEvent:
 
 
 class _FailedError(Exception):
-    """Raised inside an action that changes nothing, with THOR's `errorMessage`."""
+    """Raised inside an action that fails and changes nothing; the text is THOR's `errorMessage`."""
 
 
 class StandIn:
     """One agent in one room at a time.
 
     Attributes:
-        last_event: what the last action gave.
-        scene: the name of the room, as THOR spells it.
+        last_event: result of the last action.
+        scene: name of the room, as THOR spells it.
     """
 
     def __init__(
         self, *, scene: str = SCENES[0], width: int = 300, height: int = 300, **initialize: Any
     ) -> None:
-        """Open a scene.
+        """Opens a scene.
 
         Args:
-            scene: FloorPlan1 and so on.
-            width: of pictures, in pixels.
-            height: in pixels.
-            **initialize: `fieldOfView` (vertical, degrees), `gridSize`, `renderDepthImage`,
-                `renderInstanceSegmentation`, `rotateStepDegrees` and `visibilityDistance` as THOR has them;
-                what else its player takes changes nothing here.
+            scene: name of the scene, such as FloorPlan1.
+            width: width of the images in pixels.
+            height: height of the images in pixels.
+            **initialize: THOR's `fieldOfView` (vertical, degrees), `gridSize`, `renderDepthImage`,
+                `renderInstanceSegmentation`, `rotateStepDegrees` and `visibilityDistance`; other parameters
+                of its player are ignored.
 
         Raises:
             ConfigError: there is no such scene.
@@ -128,25 +128,25 @@ class StandIn:
         self.width, self.height = width, height
         self.initialization_parameters: dict[str, Any] = dict(_INITIAL)
         self.scene = scene
-        self._asked: tuple[str, float] | None = None  # scene and grid of the room at hand
+        self._built: tuple[str, float] | None = None  # scene and grid size of the current room
         self._filter: frozenset[str] | None = None
         self._open = True
         self.last_event = self.reset(scene, **initialize)
 
     def reset(self, scene: str | None = None, **initialize: Any) -> StandInEvent:
-        """Go to a scene, None for the same again; what is set stays set until it is set otherwise.
+        """Goes to a scene, None for the same again; parameters keep their values unless given again.
 
         Raises:
             ConfigError: there is no such scene.
-            RuntimeError: it was stopped.
+            RuntimeError: the stand-in was stopped.
         """
         self._check_open()
         self.width, self.height = initialize.pop("width", self.width), initialize.pop("height", self.height)
         self.initialization_parameters.update(initialize)
         name = (self.scene if scene is None else scene).removesuffix("_physics")
-        asked = name, float(self._set("gridSize"))
-        if asked != self._asked:
-            self._room, self._asked = StandInRoom(*asked), asked
+        wanted = name, float(self._parameter("gridSize"))
+        if wanted != self._built:
+            self._room, self._built = StandInRoom(*wanted), wanted
         self.scene = f"{name}_physics"
         self._filter = None
         self._pose = StandInPose(*self._room.start, 0.0, 0.0, True)
@@ -154,45 +154,45 @@ class StandIn:
         return self.last_event
 
     def step(self, action: str, *, raise_for_failure: bool = False, **arguments: Any) -> StandInEvent:
-        """Do an action. One that fails changes nothing and says so in its event.
+        """Takes an action. An action that fails changes nothing; its event says so.
 
         Raises:
-            ValueError: there is no such action, or its arguments are not the right ones.
-            RuntimeError: it failed and was to raise then, or this was stopped.
+            ValueError: there is no such action, or its arguments are wrong.
+            RuntimeError: the action failed and `raise_for_failure` is set, or the stand-in was stopped.
         """
         self._check_open()
         if action not in _ACTIONS:
-            raise ValueError(f"The stand-in knows no action {action}; it has {', '.join(_ACTIONS)}.")
+            raise ValueError(f"The stand-in has no action {action}; there are {', '.join(_ACTIONS)}.")
         bound = _ACTIONS[action].__get__(self)
         try:
             inspect.signature(bound).bind(**arguments)
         except TypeError as error:
             raise ValueError(f"{action}: {error}") from None
-        given, failure = None, None
+        returned, failure = None, None
         try:
-            given = bound(**arguments)
+            returned = bound(**arguments)
         except _FailedError as error:
             failure = str(error)
-        self.last_event = self._event(action, given, failure)
+        self.last_event = self._event(action, returned, failure)
         if failure is not None and raise_for_failure:
             raise RuntimeError(failure)
         return self.last_event
 
     def stop(self) -> None:
-        """End; nothing can be asked of it afterwards."""
+        """Stops; later calls raise RuntimeError."""
         self._open = False
 
     def _check_open(self) -> None:
         if not self._open:
-            raise RuntimeError("The stand-in was stopped; make another one.")
+            raise RuntimeError("The stand-in was stopped; create a new one.")
 
-    def _set(self, name: str) -> Any:
+    def _parameter(self, name: str) -> Any:
         return self.initialization_parameters[name]
 
-    def _event(self, action: str, given: Any, failure: str | None) -> StandInEvent:
+    def _event(self, action: str, returned: Any, failure: str | None) -> StandInEvent:
         pose, room = self._pose, self._room
-        fov, width, height = float(self._set("fieldOfView")), self.width, self.height
-        objects = room.objects(pose, fov, width / height, float(self._set("visibilityDistance")))
+        fov, width, height = float(self._parameter("fieldOfView")), self.width, self.height
+        objects = room.objects(pose, fov, width / height, float(self._parameter("visibilityDistance")))
         metadata = {
             "agent": {
                 "name": "agent",
@@ -207,7 +207,7 @@ class StandIn:
             "lastActionSuccess": failure is None,
             "errorMessage": failure or "",
             "errorCode": "",
-            "actionReturn": given,
+            "actionReturn": returned,
             "cameraPosition": {"x": pose.x, "y": pose.eye, "z": pose.z},
             "fov": fov,
             "screenWidth": width,
@@ -217,8 +217,8 @@ class StandIn:
             metadata,
             room.ids,
             lambda: room.look(pose, fov, width, height),
-            depth=bool(self._set("renderDepthImage")),
-            masks=bool(self._set("renderInstanceSegmentation")),
+            depth=bool(self._parameter("renderDepthImage")),
+            masks=bool(self._parameter("renderInstanceSegmentation")),
         )
 
     def _pass(self) -> None:
@@ -247,7 +247,7 @@ class StandIn:
     ) -> None:
         yaw = float(rotation["y"] if isinstance(rotation, Mapping) else rotation) % 360.0
         low, high = _HORIZONS
-        if not low - _SLACK <= horizon <= high + _SLACK:
+        if not low - _TOLERANCE <= horizon <= high + _TOLERANCE:
             raise _FailedError(f"Each horizon must be in [{low:.0f}:{high:.0f}]. You gave {horizon}.")
         if abs(y - AGENT_Y) > _LANDING:
             raise _FailedError(f"The agent cannot stand at a height of {y} m; its y is {AGENT_Y}.")
@@ -262,22 +262,22 @@ class StandIn:
         horizon: float | None = None,
         standing: bool | None = None,
     ) -> None:
-        """What is not given stays as it is."""
+        """Teleports; arguments that are None keep the current values."""
         pose = self._pose
-        there = {"x": pose.x, "y": AGENT_Y, "z": pose.z} if position is None else position
+        target = {"x": pose.x, "y": AGENT_Y, "z": pose.z} if position is None else position
         self._teleport_full(
-            **there,
+            **target,
             rotation=pose.rotation if rotation is None else rotation,
             horizon=pose.horizon if horizon is None else horizon,
             standing=pose.standing if standing is None else standing,
         )
 
     def _move(self, degrees: float, magnitude: float | None) -> None:
-        """A step that way from where the agent faces."""
+        """Steps in a direction, in degrees clockwise from the agent's heading."""
         pose = self._pose
-        length = self._set("gridSize") if magnitude is None else magnitude
+        length = self._parameter("gridSize") if magnitude is None else magnitude
         angle = math.radians(pose.rotation + degrees)
-        # rounded, so that steps there and back lead to the same point
+        # rounded, so that a step and its reverse end at the same point
         x, z = round(pose.x + length * math.sin(angle), 6), round(pose.z + length * math.cos(angle), 6)
         if not self._room.fits((pose.x, pose.z), (x, z)):
             raise _FailedError(f"Something is blocking the agent from moving to x {x:.2f}, z {z:.2f}.")
@@ -296,11 +296,11 @@ class StandIn:
         self._move(270.0, moveMagnitude)
 
     def _rotate_right(self, degrees: float | None = None) -> None:
-        by = self._set("rotateStepDegrees") if degrees is None else degrees
+        by = self._parameter("rotateStepDegrees") if degrees is None else degrees
         self._pose = self._pose._replace(rotation=(self._pose.rotation + by) % 360.0)
 
     def _rotate_left(self, degrees: float | None = None) -> None:
-        by = self._set("rotateStepDegrees") if degrees is None else degrees
+        by = self._parameter("rotateStepDegrees") if degrees is None else degrees
         self._rotate_right(-by)
 
     def _look_down(self, degrees: float = 30.0) -> None:
@@ -327,4 +327,4 @@ _ACTIONS: Mapping[str, Callable[..., Any]] = {
     "Teleport": StandIn._teleport,
     "TeleportFull": StandIn._teleport_full,
 }
-"""What each action does; its parameters are THOR's, and what it returns is the event's `actionReturn`."""
+"""The method for each action: its parameters are THOR's, and its result is the event's `actionReturn`."""

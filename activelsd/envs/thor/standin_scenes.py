@@ -1,7 +1,7 @@
-"""What stands in the room that stands in for a scene: furniture, things of THOR's classes, look-alikes.
+"""The contents of a scene's stand-in room: furniture, objects of THOR's classes, and look-alikes.
 
-A scene's name fixes all of it. Furniture may stand in several, but no small thing does, so that a class has
-to be recognised in things that were not seen in training.
+They depend only on the scene's name. Furniture may be in several scenes, but each small object is in one, so
+that classes must be recognised on objects that were not seen in training.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from activelsd.scenery.rooms.models import Model
 from activelsd.scenery.rooms.smallthings import small_thing
 
 RADIUS = 0.2
-"""Metres of the agent, seen from above."""
+"""Radius of the agent in metres, seen from above."""
 
 _GRID = 0.25  # metres
-_POINTS = (40, 120)  # of the grid where the agent can stand
+_POINTS = (40, 120)  # least and most grid points where the agent can stand
 
 
 class _Furnishing(NamedTuple):
-    """What rooms of a type are like."""
+    """The contents of the rooms of one type."""
 
-    needed: tuple[str, ...]  # furniture that is in all of them
-    others: tuple[str, ...]  # and that is in some
-    pieces: tuple[int, int]  # least and most
-    sides: tuple[float, float]  # metres
-    always: tuple[str, ...]  # classes that stand in all of them
-    at_times: tuple[str, ...]  # and in about every other
+    needed: tuple[str, ...]  # furniture in all rooms
+    others: tuple[str, ...]  # furniture in some rooms
+    pieces: tuple[int, int]  # least and most pieces of furniture
+    sides: tuple[float, float]  # shortest and longest side in metres
+    always: tuple[str, ...]  # classes in all rooms
+    at_times: tuple[str, ...]  # classes in about half of the rooms
 
 
 _FURNISHINGS = {
@@ -88,13 +88,13 @@ _KINDS = {
     "Television": ("television",),
     "Toaster": ("toaster",),
 }
-"""Of each class what kinds of things it is drawn from."""
+"""For each class, the kinds that an object is drawn from."""
 
 _CLUTTER = (
     "ball", "bottle", "can", "cup", "loudspeaker", "microwave", "picture_frame", "planter", "radio",
     "tall_planter", "tin", "tissue_box", "vase",
 )  # fmt: skip
-_CLUTTERED = (4, 7)  # least and most of these in a room
+_CLUTTERED = (4, 7)  # least and most of `_CLUTTER` in a room
 
 _ON_FLOOR = frozenset({"garbage_can", "tall_plant", "tall_planter"})
 _LARGE = frozenset({"microwave", "television"})
@@ -102,7 +102,7 @@ _BOARDS = (
     "basin", "bench", "coffee_table", "counter", "desk", "dresser", "mantel", "night_stand", "piano",
     "stove", "table", "tv_stand",
 )  # fmt: skip
-"""What large things are put on, their fronts to the room."""
+"""Furniture that large objects are put on, with their fronts towards the room."""
 
 _TYPES = {
     "armchair": "ArmChair",
@@ -116,11 +116,11 @@ _TYPES = {
     "tall_planter": "Pot",
     "tv_stand": "TVStand",
 }
-"""THOR's names where they are not the kind's."""
+"""THOR's object types that cannot be derived from the kind."""
 
 
 def object_type(kind: str) -> str:
-    """What THOR calls things of a kind, of a class or not."""
+    """THOR's object type for a kind, whether it is a class or not."""
     for name, kinds in _KINDS.items():
         if kind in kinds:
             return name
@@ -128,7 +128,7 @@ def object_type(kind: str) -> str:
 
 
 def furnished(scene: str) -> Room:
-    """The room that stands in for a scene, the same whenever it is asked for.
+    """The stand-in room of a scene; it is always the same.
 
     Raises:
         ConfigError: there is no such scene.
@@ -145,12 +145,12 @@ def furnished(scene: str) -> Room:
 
 
 def _things(style: _Furnishing, index: int) -> list[Model]:
-    """The things of the classes, then the others; the numbers that a scene draws from are its own."""
+    """The objects of the classes, then the clutter; no two scenes share an object number."""
     rng = np.random.default_rng(index)
     names = [*style.always, *(name for name in style.at_times if rng.random() < 0.5)]
     kinds = [str(rng.choice(_KINDS[name])) for name in names]
     clutter = rng.permutation(_CLUTTER)[: int(rng.integers(_CLUTTERED[0], _CLUTTERED[1] + 1))]
-    # small things come in families of four that share all but a label: so no two of a family
+    # small objects come in families of four that differ only in the label; take at most one of a family
     return [
         _thing(str(kind), 4 * (32 * index + i) + int(rng.integers(4)))
         for i, kind in enumerate([*kinds, *clutter])
@@ -162,7 +162,7 @@ def _thing(kind: str, number: int) -> Model:
 
 
 def _attempt(style: _Furnishing, things: list[Model], seed: tuple[int, int]) -> Room | None:
-    """The room of a seed, None where something has no place or the agent too little or too much."""
+    """The room of a seed; None if something does not fit or the agent has too little or too much space."""
     rng = np.random.default_rng(seed)
     width, depth = (float(side) for side in rng.uniform(*style.sides, 2))
     pieces = int(rng.integers(style.pieces[0], style.pieces[1] + 1))
@@ -174,13 +174,13 @@ def _attempt(style: _Furnishing, things: list[Model], seed: tuple[int, int]) -> 
     try:
         room = furnish(Fitted(), seed, pieces=len(kinds), size=(width, depth), kinds=kinds)
         if sorted(piece.model.kind for piece in room.things) != sorted(kinds):
-            return None  # one of something did not fit, and another stands there twice
+            return None  # one kind did not fit, and another is there twice
         if _points(room) > _POINTS[1]:
             return None
         room = set_out(room, large, seed, on=_BOARDS, turned=10.0, laid=0.0)
         if any(thing.on == FLOOR for thing in room.things[room.furniture :]):
             return None
-        room = set_out(set_down(room, standing, seed), sorted(small, key=_spread), seed, laid=0.0)
+        room = set_out(set_down(room, standing, seed), sorted(small, key=_sort_key), seed, laid=0.0)
     except DataError:
         return None
     return room if _points(room) >= _POINTS[0] else None
@@ -190,6 +190,6 @@ def _points(room: Room) -> int:
     return len(draw_floor_grid(room, step=_GRID, radius=RADIUS).points)
 
 
-def _spread(thing: Model) -> float:
-    """What is larger is put out first."""
+def _sort_key(thing: Model) -> float:
+    """Sorts objects by floor area, largest first."""
     return -thing.size[0] * thing.size[1]

@@ -1,1 +1,1 @@
-"""Furnished rooms, ray-cast: what stands where, what a camera sees of it, and where an agent can stand."""
+"""Furnished rooms, ray-cast: their layout, what a camera sees, and where an agent can stand."""

@@ -1,7 +1,7 @@
-"""Household things that are boxes from most sides: clocks, toasters, televisions … told by one side or two.
+"""Household objects that look like plain boxes from most sides: clocks, toasters, televisions and others.
 
-Those that could be taken for each other share the distribution of their bodies, and so do their look-alikes
-that are no class of any world: a loudspeaker, a box of tissues, a microwave oven.
+Only one or two sides show what they are. Similar classes have bodies from the same distribution, and so have
+the look-alikes that are no class in any world: a loudspeaker, a box of tissues, a microwave oven.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ BODIES: tuple[Colour, ...] = (
     (222, 218, 208), (168, 48, 44), (64, 92, 140), (196, 166, 84), (70, 118, 88), (96, 70, 54), (66, 68, 76),
     (204, 126, 60), (140, 168, 182), (150, 100, 140),
 )  # fmt: skip
-"""Colours that things of any kind may have, so that colour tells little."""
+"""Colours shared by all kinds, so that colour says little about the class."""
 
 _CARDBOARD: tuple[Colour, ...] = ((178, 138, 94), (196, 160, 118), (150, 116, 80), (216, 210, 200))
 _SCREEN = Material((52.0, 60.0, 74.0))
 _PAGES = Material((232.0, 226.0, 208.0))
 _DIGITS = ("abcdef", "bc", "abged", "abgcd", "fgbc", "afgcd", "afgedc", "abc", "abcdefg", "abfgcd")
-_PROUD = 0.001  # metres that what is printed stands out
+_RELIEF = 0.001  # metres by which prints stand out from the surface
 
 
 class _Casing(NamedTuple):
-    """A body about the origin, its front at y = -depth / 2; its top is flat to `flat` before and behind."""
+    """A body centred at the origin, with its front at y = -depth / 2 and a flat top for |y| < `flat`."""
 
     width: float
     depth: float
@@ -43,7 +43,7 @@ class _Casing(NamedTuple):
 
 
 def _casing(rng: np.random.Generator) -> _Casing:
-    """The body of something that stands on a worktop or a night stand."""
+    """A random body of an object for a worktop or a night stand."""
     w, d, h = (float(rng.uniform(*span)) for span in ((0.17, 0.26), (0.11, 0.15), (0.14, 0.19)))
     body = Material(BODIES[rng.integers(len(BODIES))])
     round_by = float(rng.choice((0.0, 0.02, 0.035)))
@@ -57,12 +57,12 @@ def _casing(rng: np.random.Generator) -> _Casing:
 
 
 def _disc(radius: float, x: float, front: float, z: float, out: float) -> Mesh:
-    """An upright disc that reaches `out` before a front."""
+    """An upright disc that stands out by `out` from a front."""
     return shift(turn(cylinder(radius, 0.0, out, segments=24), 90, axis="x"), (x, front, z))
 
 
 def alarm_clock(rng: np.random.Generator) -> list[Part]:
-    """A round dial with hands or a lit display on the front; a button or two bells on top."""
+    """A clock with a dial or a digital display on the front, and a button or two bells on top."""
     case = _casing(rng)
     w, h, front = case.width, case.height, -case.depth / 2
     parts = list(case.parts)
@@ -89,7 +89,7 @@ def alarm_clock(rng: np.random.Generator) -> list[Part]:
 
 
 def _digit(lit: str, at: tuple[float, float, float], wide: float, tall: float) -> list[Part]:
-    """The segments a-g that are lit, of a digit whose lower left corner is at a point of the front."""
+    """The lit segments (letters a-g) of a digit whose lower left corner is at `at` on the front."""
     x, front, z = at
     t = 0.2 * wide
     half = tall / 2
@@ -104,7 +104,7 @@ def _digit(lit: str, at: tuple[float, float, float], wide: float, tall: float) -
 
 
 def toaster(rng: np.random.Generator) -> list[Part]:
-    """Two slots in the top, a lever at one end, both sides plain."""
+    """A toaster with two slots in the top and a lever at one end; front and back are plain."""
     case = _casing(rng)
     w, h = case.width, case.height
     side = float(rng.choice((-1.0, 1.0)))
@@ -113,7 +113,7 @@ def toaster(rng: np.random.Generator) -> list[Part]:
     for y in (-0.5 * case.flat, 0.5 * case.flat):
         rim = slab(0.8 * w, wide + 0.012, 0.003, at=(0.0, y, h))
         parts += [(rim, STEEL), (slab(0.76 * w, wide, 0.004, at=(0.0, y, h)), DARK)]
-    if rng.random() < 0.3:  # a slice of bread looks out
+    if rng.random() < 0.3:  # a slice of bread in a slot
         parts.append((slab(0.5 * w, 0.6 * wide, 0.03, at=(0.0, 0.5 * case.flat, h)), _PAGES))
     slit = slab(0.002, 0.016, 0.6 * h, at=(side * w / 2, 0.0, 0.25 * h))
     lever = slab(0.03, 0.045, 0.018, at=(side * (w / 2 + 0.014), 0.0, float(rng.uniform(0.55, 0.75)) * h))
@@ -122,7 +122,7 @@ def toaster(rng: np.random.Generator) -> list[Part]:
 
 
 def loudspeaker(rng: np.random.Generator) -> list[Part]:
-    """One or two cones behind the front's grille; a strip of buttons on top."""
+    """One or two cones on the front and a strip of buttons on top."""
     case = _casing(rng)
     w, h, front = case.width, case.height, -case.depth / 2
     xs = (-0.24 * w, 0.24 * w) if rng.random() < 0.5 else (0.0,)
@@ -136,7 +136,7 @@ def loudspeaker(rng: np.random.Generator) -> list[Part]:
 
 
 def tissue_box(rng: np.random.Generator) -> list[Part]:
-    """One slot in the top, and more often than not a tissue that stands out of it."""
+    """A box with a slot in the top and usually a tissue in the slot."""
     case = _casing(rng)
     parts = [*case.parts, (slab(0.6 * case.width, 0.8 * case.flat, 0.003, at=(0.0, 0.0, case.height)), DARK)]
     if rng.random() < 0.6:
@@ -146,13 +146,13 @@ def tissue_box(rng: np.random.Generator) -> list[Part]:
 
 
 def _crate(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Width, depth and height of something large that is not a cupboard."""
+    """Random width, depth and height of a television, microwave oven or cardboard box."""
     w, d, h = (float(rng.uniform(*span)) for span in ((0.36, 0.5), (0.25, 0.32), (0.27, 0.36)))
     return w, d, h
 
 
 def television(rng: np.random.Generator) -> list[Part]:
-    """A flat screen on a foot, or an old set in a case that is plain on all other sides."""
+    """A flat screen on a foot, or an old set in a box that is plain on all other sides."""
     shade = Material(BODIES[rng.integers(len(BODIES))]) if rng.random() < 0.35 else Material((58, 58, 64))
     return _old_set(rng, shade) if rng.random() < 0.4 else _flat_screen(rng, shade)
 
@@ -188,7 +188,7 @@ def _flat_screen(rng: np.random.Generator, shade: Material) -> list[Part]:
 
 
 def microwave(rng: np.random.Generator) -> list[Part]:
-    """A dark window with a handle and a panel of keys on the front, plain on all other sides."""
+    """A box with a window, a handle and a keypad on the front, plain on all other sides."""
     w, d, h = _crate(rng)
     front, right = -d / 2, w / 2 - 0.1
     parts = [(slab(w, d, h), Material(((222, 220, 214), (58, 58, 64), (168, 170, 176))[rng.integers(3)]))]
@@ -203,7 +203,7 @@ def microwave(rng: np.random.Generator) -> list[Part]:
 
 
 def cardboard_box(rng: np.random.Generator) -> list[Part]:
-    """Open with its flaps up or hanging, or closed with a strip of tape over the top."""
+    """A cardboard box, open with its flaps up or down, or closed with tape over the top."""
     w, d, h = (0.85 * side for side in _crate(rng))
     shade = _CARDBOARD[rng.integers(len(_CARDBOARD))]
     paper, dim = Material(shade), Material(darker(shade, 0.45))
@@ -213,7 +213,7 @@ def cardboard_box(rng: np.random.Generator) -> list[Part]:
             (slab(w, d, h), paper),
             (slab(w + 0.002, 0.05, 0.002, at=(0.0, 0.0, h)), tape),
             *((slab(0.002, 0.05, 0.3 * h, at=(s * w / 2, 0.0, 0.7 * h)), tape) for s in (-1, 1)),
-            (box((-0.35 * w, -d / 2 - _PROUD, 0.5 * h), (-0.05 * w, -d / 2, 0.8 * h)), LIGHT),
+            (box((-0.35 * w, -d / 2 - _RELIEF, 0.5 * h), (-0.05 * w, -d / 2, 0.8 * h)), LIGHT),
         ]
     t = 0.008
     parts: list[Part] = [
@@ -234,7 +234,7 @@ def cardboard_box(rng: np.random.Generator) -> list[Part]:
 
 
 def lying_book(rng: np.random.Generator) -> list[Part]:
-    """Shut with a title on the cover, or open at two pages of print."""
+    """A closed book with a title on the cover, or an open book with two printed pages."""
     w, d = (float(rng.uniform(*span)) for span in ((0.16, 0.2), (0.22, 0.28)))
     cover = Material(BODIES[rng.integers(len(BODIES))])
     if rng.random() < 0.5:
@@ -244,8 +244,8 @@ def lying_book(rng: np.random.Generator) -> list[Part]:
             (slab(w, d, 0.004), cover),
             (slab(w, d, 0.004, at=(0.0, 0.0, t - 0.004)), cover),
             (slab(0.006, d, t, at=(-w / 2, 0.0, 0.0)), cover),
-            (slab(0.7 * w, 0.14 * d, _PROUD, at=(0.0, 0.22 * d, t)), LIGHT),
-            (slab(0.5 * w, 0.06 * d, _PROUD, at=(0.0, 0.05 * d, t)), LIGHT),
+            (slab(0.7 * w, 0.14 * d, _RELIEF, at=(0.0, 0.22 * d, t)), LIGHT),
+            (slab(0.5 * w, 0.06 * d, _RELIEF, at=(0.0, 0.05 * d, t)), LIGHT),
         ]
     parts: list[Part] = [(slab(2 * w, d, 0.004), cover)]
     for s in (-1, 1):
@@ -253,13 +253,13 @@ def lying_book(rng: np.random.Generator) -> list[Part]:
         for i in range(6):
             y = (0.36 - 0.14 * i) * d
             short = 0.75 if rng.random() < 0.75 else 0.4
-            page.append((slab(short * w, 0.05 * d, _PROUD, at=(s * w / 2, y, 0.018)), DARK))
+            page.append((slab(short * w, 0.05 * d, _RELIEF, at=(s * w / 2, y, 0.018)), DARK))
         parts += [(turn(mesh, -s * 6.0, axis="y", about=(0.0, 0.0, 0.004)), paint) for mesh, paint in page]
     return parts
 
 
 def notebook(rng: np.random.Generator) -> list[Part]:
-    """A laptop computer, open: keys and a touch pad before a screen with windows on it, its lid plain."""
+    """An open laptop with keys, a touch pad and windows on its screen; the lid is plain."""
     w, lean = float(rng.uniform(0.3, 0.36)), float(rng.uniform(5, 30))
     d, h = 0.66 * w, 0.62 * w
     shade = Material((58, 58, 64)) if rng.random() < 0.4 else Material(BODIES[rng.integers(len(BODIES))])
@@ -287,7 +287,7 @@ def notebook(rng: np.random.Generator) -> list[Part]:
 
 
 def picture_frame(rng: np.random.Generator) -> list[Part]:
-    """A leaning panel like a laptop's, a picture before it and a strut behind."""
+    """A leaning panel like a laptop's screen, with a picture in front and a strut behind."""
     w, h = float(rng.uniform(0.22, 0.34)), float(rng.uniform(0.2, 0.26))
     frame = Material(BODIES[rng.integers(len(BODIES))])
     split = float(rng.uniform(0.35, 0.6)) * h
@@ -312,4 +312,4 @@ MAKERS: Mapping[str, Callable[[np.random.Generator], list[Part]]] = {
     "tissue_box": tissue_box,
     "toaster": toaster,
 }
-"""What makes the parts of each kind, the front towards -y."""
+"""The function that makes the parts of each kind, with the front towards -y."""

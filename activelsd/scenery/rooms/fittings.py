@@ -1,6 +1,6 @@
-"""What kitchens and bathrooms are fitted with, and a library that has it besides the furniture.
+"""Fittings of kitchens and bathrooms, and a library with these and the other furniture.
 
-Built in metres, the front towards -y, as other furniture is.
+As for other furniture, units are metres and the front faces -y.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _TOPS: tuple[Colour, ...] = ((72, 70, 70), (198, 192, 182), (168, 128, 84), (132
 
 
 def _unit(rng: np.random.Generator, width: float, depth: float, height: float) -> list[Part]:
-    """A cupboard with doors or drawers under a worktop."""
+    """A cupboard with doors or drawers and a worktop."""
     front = Material(_FRONTS[rng.integers(len(_FRONTS))])
     lower, under = 0.08, height - 0.04
     area = (-width / 2 + 0.01, width / 2 - 0.01, lower, under)
@@ -54,7 +54,7 @@ def _tap(at: tuple[float, float, float]) -> list[Part]:
 
 
 def counter(rng: np.random.Generator) -> list[Part]:
-    """A kitchen's worktop over cupboards, a sink let into some."""
+    """A kitchen worktop over cupboards, sometimes with a sink."""
     w, d, h = float(rng.uniform(1.1, 1.8)), 0.56, float(rng.uniform(0.86, 0.92))
     parts = _unit(rng, w, d, h)
     if rng.random() < 0.5:
@@ -66,7 +66,7 @@ def counter(rng: np.random.Generator) -> list[Part]:
 
 
 def stove(rng: np.random.Generator) -> list[Part]:
-    """Four plates over an oven with a window in its door."""
+    """Four hotplates over an oven with a window in its door."""
     w, d, h = 0.6, 0.58, float(rng.uniform(0.86, 0.92))
     body = Material(((228, 228, 224), (64, 66, 70), (170, 172, 176))[rng.integers(3)])
     parts: list[Part] = [(slab(w, d, h), body)]
@@ -83,7 +83,7 @@ def stove(rng: np.random.Generator) -> list[Part]:
 
 
 def fridge(rng: np.random.Generator) -> list[Part]:
-    """Two doors, one over the other, their handles on one side."""
+    """A fridge with two doors, one above the other, and handles on one side."""
     w, d, h = float(rng.uniform(0.58, 0.68)), 0.6, float(rng.uniform(1.5, 1.75))
     body = Material(((232, 232, 228), (176, 178, 182), (196, 84, 70))[rng.integers(3)])
     front, split = -d / 2, float(rng.uniform(0.35, 0.65)) * h
@@ -101,7 +101,7 @@ def fridge(rng: np.random.Generator) -> list[Part]:
 
 
 def basin(rng: np.random.Generator) -> list[Part]:
-    """A cupboard with a bowl on top, to one side, and a tap behind it."""
+    """A cupboard with a washbasin on one side of the top and a tap behind it."""
     w, d, h = float(rng.uniform(0.85, 1.2)), 0.46, float(rng.uniform(0.74, 0.8))
     x = float(rng.choice((-1.0, 1.0))) * (w / 2 - 0.24)
     outer = ((0.1, h), (0.17, h + 0.03), (0.2, h + 0.11), (0.19, h + 0.11), (0.16, h + 0.04), (0.0, h + 0.02))
@@ -110,7 +110,7 @@ def basin(rng: np.random.Generator) -> list[Part]:
 
 
 def bathtub(rng: np.random.Generator) -> list[Part]:
-    """Four walls with a rim around a floor, a tap at one end."""
+    """A bathtub of four walls and a floor, with a tap at the back."""
     w, d, h, t = (
         float(rng.uniform(1.5, 1.7)),
         float(rng.uniform(0.7, 0.76)),
@@ -129,7 +129,7 @@ def bathtub(rng: np.random.Generator) -> list[Part]:
 
 
 def toilet(rng: np.random.Generator) -> list[Part]:
-    """A seat with its lid shut before a cistern."""
+    """A toilet with a closed lid in front of a cistern."""
     w, seat, top = 0.38, float(rng.uniform(0.4, 0.44)), float(rng.uniform(0.74, 0.8))
     lid = Material(((240, 240, 236), (120, 84, 58), (64, 66, 72))[rng.integers(3)])
     foot = ((-0.2, 0.0), (0.1, 0.0), (0.1, seat), (-0.32, seat), (-0.3, 0.75 * seat))
@@ -152,11 +152,11 @@ _MAKERS: Mapping[str, Callable[[np.random.Generator], list[Part]]] = {
 }
 
 FITTINGS: tuple[str, ...] = tuple(sorted(_MAKERS))
-"""Kinds of fittings that are embedded."""
+"""The embedded kinds of fittings."""
 
 
 class Fitted(Embedded):
-    """The embedded furniture and, besides, the fittings of kitchens and bathrooms."""
+    """The embedded furniture and the fittings of kitchens and bathrooms."""
 
     kinds: tuple[str, ...] = (*Embedded.kinds, *FITTINGS)
 

@@ -1,4 +1,4 @@
-"""Where an agent can stand and step: grid points of the floor clear of walls and things by its radius."""
+"""The floor grid of an agent: points that are at least its radius away from walls and objects."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from activelsd.scenery.rooms.footprints import clearance
 from activelsd.scenery.rooms.layout import Room
 
 DIRECTIONS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
-"""Steps to the neighbours, counter-clockwise from +x; the even ones go along the axes."""
+"""Offsets to the neighbours, counter-clockwise from +x; the even ones are along the axes."""
 
 
 class FloorGrid(NamedTuple):
-    """The points that can be reached from one another, numbered row by row."""
+    """Grid points that can be reached from one another, numbered row by row."""
 
     step: float  # metres
     cells: NDArray[np.int32]  # (N, 2) column and row
     points: NDArray[np.float64]  # (N, 2) x and y in the room, metres
-    neighbours: NDArray[np.int32]  # (N, 8) number of the point that way by DIRECTIONS, -1 for none
+    neighbours: NDArray[np.int32]  # (N, 8) index of the neighbour in each of DIRECTIONS, -1 for none
 
 
 def draw_floor_grid(room: Room, *, step: float, radius: float) -> FloorGrid:
-    """The largest part of the grid that an agent can walk along the axes.
+    """The largest part of the grid that is connected by moves along the axes.
 
-    A point is free if a disc of the radius fits there, a move if it fits all along the way.
+    A point is free if a disc of the given radius fits there; a move is free if the disc fits all along it.
 
     Raises:
         DataError: no point is free.
     """
     plan = room.plan
     columns, rows = int(plan.width // step) + 1, int(plan.depth // step) + 1
-    offset = np.array([(plan.width % step) / 2, (plan.depth % step) / 2])  # as many at either end
+    offset = np.array([(plan.width % step) / 2, (plan.depth % step) / 2])  # centres the grid
     cells = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
     points = cells * step + offset
     free = clear(room, points, points, radius)
     cells, points = cells[free], points[free]
     if len(cells) == 0:
         raise DataError(
-            f"An agent of {radius} m radius can stand nowhere in the room of"
-            f" {plan.width:.1f} by {plan.depth:.1f} m; make it smaller or the room emptier."
+            f"An agent of {radius} m radius has no free place in the room of {plan.width:.1f} by"
+            f" {plan.depth:.1f} m; make the agent smaller or put fewer things into the room."
         )
     neighbours = _neighbours(room, cells, points, radius)
     kept = _largest(neighbours)
-    numbers = np.full(len(cells) + 1, -1, np.int32)  # the last for -1
+    numbers = np.full(len(cells) + 1, -1, np.int32)  # the last item maps -1 to -1
     numbers[np.flatnonzero(kept)] = np.arange(kept.sum())
     return FloorGrid(step, cells[kept].astype(np.int32), points[kept], numbers[neighbours[kept]])
 
@@ -56,10 +56,10 @@ def draw_floor_grid(room: Room, *, step: float, radius: float) -> FloorGrid:
 def clear(
     room: Room, starts: NDArray[np.float64], ends: NDArray[np.float64], radius: float
 ) -> NDArray[np.bool_]:
-    """Whether (P,) a disc of the radius meets no wall and no thing from starts (P, 2) to ends (P, 2)."""
-    most = np.array([room.plan.width, room.plan.depth]) - radius
-    ways = np.stack([starts, ends])
-    free = np.asarray(((ways >= radius) & (ways <= most)).all(axis=(0, 2)))
+    """(P,) whether a disc can move from starts (P, 2) to ends (P, 2) without touching a wall or an object."""
+    limit = np.array([room.plan.width, room.plan.depth]) - radius
+    points = np.stack([starts, ends])
+    free = np.asarray(((points >= radius) & (points <= limit)).all(axis=(0, 2)))
     for footprint in room.footprints:
         free &= clearance(footprint, starts, ends) >= radius
     return free
@@ -68,8 +68,8 @@ def clear(
 def _neighbours(
     room: Room, cells: NDArray[np.int64], points: NDArray[np.float64], radius: float
 ) -> NDArray[np.int32]:
-    """Numbers (N, 8) of the cells that can be stepped to, -1 for none."""
-    numbers = np.full(cells.max(axis=0) + 3, -1, np.int32)  # a margin of nothing all round
+    """(N, 8) indices of the cells that a step can reach, -1 for none."""
+    numbers = np.full(cells.max(axis=0) + 3, -1, np.int32)  # with an empty margin on all sides
     numbers[cells[:, 0] + 1, cells[:, 1] + 1] = np.arange(len(cells))
     neighbours = np.full((len(cells), len(DIRECTIONS)), -1, np.int32)
     for i, (dx, dy) in enumerate(DIRECTIONS):
@@ -81,11 +81,11 @@ def _neighbours(
 
 
 def _largest(neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Which points (N,) belong to the largest part connected by steps along the axes."""
+    """(N,) whether a point is in the largest part that is connected by steps along the axes."""
     along = neighbours[:, ::2]
-    here, way = np.nonzero(along >= 0)
+    here, direction = np.nonzero(along >= 0)
     n = len(neighbours)
-    links = coo_array((np.ones(len(here), np.uint8), (here, along[here, way])), shape=(n, n))
+    links = coo_array((np.ones(len(here), np.uint8), (here, along[here, direction])), shape=(n, n))
     _, part = connected_components(links, directed=False)
     kept: NDArray[np.bool_] = part == np.bincount(part).argmax()
     return kept

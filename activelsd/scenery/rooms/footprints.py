@@ -1,4 +1,4 @@
-"""Rectangles on the floor: what an object covers seen from above, and what is clear of it."""
+"""Rectangles on the floor: an object's outline from above, overlap tests and distances."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 
 class Rect(NamedTuple):
-    """A rectangle about (x, y), `half_x` by `half_y` metres either way before it is turned by `yaw`."""
+    """A rectangle with centre (x, y) and half sides `half_x`, `half_y` in metres, rotated by `yaw`."""
 
     x: float
     y: float
@@ -19,11 +19,11 @@ class Rect(NamedTuple):
     yaw: float  # degrees, counter-clockwise
 
     def grown(self, by: float) -> Rect:
-        """The rectangle with `by` metres more on every side."""
+        """The rectangle extended by `by` metres on every side."""
         return self._replace(half_x=self.half_x + by, half_y=self.half_y + by)
 
     def local(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Points (..., 2) of the floor in the rectangle's own axes, from its middle."""
+        """Floor points (..., 2) in the rectangle's own axes, relative to its centre."""
         sin, cos = math.sin(math.radians(self.yaw)), math.cos(math.radians(self.yaw))
         dx, dy = np.moveaxis(np.asarray(points, np.float64) - (self.x, self.y), -1, 0)
         return np.stack([cos * dx + sin * dy, cos * dy - sin * dx], axis=-1)
@@ -33,7 +33,7 @@ class Rect(NamedTuple):
         return self.points(np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
 
     def points(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points (P, 2) on the floor at shares (P, 2) of the half sides, -1..1."""
+        """Floor points (P, 2) at fractions (P, 2) of the half sides, -1..1."""
         sin, cos = math.sin(math.radians(self.yaw)), math.cos(math.radians(self.yaw))
         u, v = shares[:, 0] * self.half_x, shares[:, 1] * self.half_y
         return np.stack([self.x + cos * u - sin * v, self.y + sin * u + cos * v], axis=1)
@@ -50,7 +50,7 @@ def overlap(a: Rect, b: Rect) -> bool:
 
 
 def clearance(rect: Rect, starts: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance (P,) of a rectangle from the segments from starts (P, 2) to ends (P, 2); 0 if they meet."""
+    """Distance (P,) of a rectangle from the segments from starts (P, 2) to ends (P, 2); 0 if they touch."""
     a, b = rect.local(starts), rect.local(ends)
     half = np.array([rect.half_x, rect.half_y])
     nearest = np.minimum(_outside(a, half), _outside(b, half))
@@ -60,7 +60,7 @@ def clearance(rect: Rect, starts: NDArray[np.float64], ends: NDArray[np.float64]
 
 
 def _outside(points: NDArray[np.float64], half: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance (P,) of points (P, 2) from the rectangle of those half sides about the origin."""
+    """Distance (P,) of points (P, 2) from the rectangle at the origin with these half sides."""
     beyond = np.maximum(np.abs(points) - half, 0.0)
     distance: NDArray[np.float64] = np.hypot(beyond[:, 0], beyond[:, 1])
     return distance
@@ -78,7 +78,7 @@ def _to_segment(
 
 
 def _crosses(a: NDArray[np.float64], b: NDArray[np.float64], half: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether segments have a point strictly inside the rectangle about the origin (clipping by slabs)."""
+    """Whether segments have a point strictly inside the rectangle at the origin (slab clipping)."""
     along = b - a
     with np.errstate(divide="ignore", invalid="ignore"):
         one, two = (-half - a) / along, (half - a) / along

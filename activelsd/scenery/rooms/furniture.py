@@ -1,6 +1,6 @@
-"""Furniture that the embedded shapes lack: beds, chairs, armchairs, coffee tables, floor lamps.
+"""Furniture that is not among the embedded shapes: beds, chairs, armchairs, coffee tables, floor lamps.
 
-Built about the origin in metres, the front towards -y, as the embedded shapes are.
+Units are metres; as for the embedded shapes, the centre is at the origin and the front faces -y.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from activelsd.scenery.shapes.solids import box, cylinder, join, lathe, slab, tu
 
 
 def bed(rng: np.random.Generator) -> Mesh:
-    """A mattress on a frame, the head end at the back."""
+    """A mattress on a frame, with the head end at the back."""
     w, d, low = (float(rng.uniform(*x)) for x in ((0.95, 1.5), (1.9, 2.05), (0.22, 0.3)))
     high = low + float(rng.uniform(0.16, 0.22))
     parts = [
@@ -30,7 +30,7 @@ def bed(rng: np.random.Generator) -> Mesh:
 
 
 def chair(rng: np.random.Generator) -> Mesh:
-    """Four legs, a seat and an open back."""
+    """A chair with four legs, a seat and an open back."""
     w, seat = float(rng.uniform(0.4, 0.46)), float(rng.uniform(0.43, 0.47))
     top, leg = float(rng.uniform(0.8, 0.98)), 0.035
     x = w / 2 - leg / 2
@@ -46,7 +46,7 @@ def chair(rng: np.random.Generator) -> Mesh:
 
 
 def armchair(rng: np.random.Generator) -> Mesh:
-    """A seat between two thick arms under a leaning back."""
+    """A seat between two thick arms, with a leaning back."""
     w, d, seat = (float(rng.uniform(*x)) for x in ((0.75, 0.9), (0.75, 0.85), (0.38, 0.44)))
     arm, top = float(rng.uniform(0.12, 0.17)), float(rng.uniform(0.8, 0.95))
     back = box((-w / 2 + arm, d / 2 - 0.2, seat - 0.1), (w / 2 - arm, d / 2 - 0.05, top))
@@ -65,7 +65,7 @@ def armchair(rng: np.random.Generator) -> Mesh:
 
 
 def coffee_table(rng: np.random.Generator) -> Mesh:
-    """A low top, round or not, with a shelf under it or without."""
+    """A low table, round or rectangular, sometimes with a shelf below."""
     w, high = float(rng.uniform(0.7, 1.0)), float(rng.uniform(0.38, 0.46))
     d = w if rng.random() < 0.4 else 0.6 * w
     if d == w:
@@ -80,7 +80,7 @@ def coffee_table(rng: np.random.Generator) -> Mesh:
 
 
 def floor_lamp(rng: np.random.Generator) -> Mesh:
-    """A shade on a pole."""
+    """A lamp shade on a pole."""
     high, wide = float(rng.uniform(1.4, 1.7)), float(rng.uniform(0.17, 0.24))
     shade = lathe(((wide, high - 0.28), (0.65 * wide, high), (0.0, high)))
     return join([cylinder(0.16, 0.0, 0.025, segments=24), cylinder(0.014, 0.025, high - 0.02), shade])

@@ -1,4 +1,4 @@
-"""The things of a household that stand in kitchens, bedrooms and bathrooms, by kind and number."""
+"""Household objects for kitchens, bedrooms and bathrooms, by kind and number."""
 
 from __future__ import annotations
 
@@ -13,22 +13,20 @@ from activelsd.scenery.rooms.models import Model, assembled
 _MAKERS = {**casings.MAKERS, **roundware.MAKERS}
 
 KINDS: tuple[str, ...] = tuple(sorted(_MAKERS))
-"""Kinds of household things that are embedded."""
+"""The embedded kinds of household objects."""
 
 
 def household_thing(kind: str, number: int) -> Model:
-    """The thing of that kind and number: the same to the byte whenever it is asked for.
+    """The object with this kind and number, always the same to the byte.
 
     Args:
         kind: one of `KINDS`.
-        number: from 0; each is another in shape and paint.
+        number: from 0; each number gives another shape and other colours.
 
     Raises:
         DataError: there is no such kind.
     """
     if kind not in _MAKERS:
-        raise DataError(
-            f"There is no household thing '{kind}' among the embedded ones; {did_you_mean(kind, KINDS)}"
-        )
+        raise DataError(f"There is no embedded household object '{kind}'; {did_you_mean(kind, KINDS)}")
     rng = np.random.default_rng((zlib.crc32(kind.encode()), number))
     return assembled(kind, number, _MAKERS[kind](rng))

@@ -1,4 +1,4 @@
-"""Furniture for rooms: models in metres, sized by their kind and painted by their number."""
+"""Furniture for rooms: models in metres, with sizes by kind and random colours by number."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from scipy.sparse.csgraph import connected_components
 from activelsd.errors import DataError, did_you_mean
 from activelsd.scenery.meshes import Mesh
 from activelsd.scenery.rooms import furniture
-from activelsd.scenery.rooms.models import Model, stood
+from activelsd.scenery.rooms.models import Model, place_at_origin
 from activelsd.scenery.rooms.textures import Colour, Material, darker
 from activelsd.scenery.shapes import cabinets, fixtures, seating, tables
 
 
 class Size(NamedTuple):
-    """How large objects of a kind are: the metres between which one of their extents lies."""
+    """The range in metres of one extent of a kind's objects."""
 
     extent: str  # "height", or "longest" of width and height
     low: float
@@ -53,7 +53,7 @@ SIZES: Mapping[str, Size] = {
     "tv_stand": Size("longest", 0.9, 1.3),
     "wardrobe": Size("longest", 1.6, 1.95),
 }
-"""Of kinds that rooms are furnished with and that stand on them; widths and heights tell most."""
+"""Sizes of furniture, and of objects that stand on it."""
 
 FURNITURE = frozenset(SIZES) - {"bottle", "bowl", "cup", "monitor"}
 """Kinds that stand on the floor."""
@@ -93,21 +93,21 @@ _TRIMS: tuple[Colour, ...] = (
 )  # fmt: skip
 
 _MINOR = 0.02
-"""Share of the whole's bounding box below which a part, like a book or a handle, has another colour."""
+"""Parts below this fraction of the whole bounding box, such as books or handles, get another colour."""
 
 
 class Library(Protocol):
-    """Gives furniture by kind and number, the same to the byte whenever it is asked for."""
+    """Gives furniture by kind and number, always the same to the byte."""
 
-    kinds: tuple[str, ...]  # that stand on the floor
+    kinds: tuple[str, ...]  # kinds that stand on the floor
 
     def model(self, kind: str, number: int) -> Model:
-        """The model of that kind and number. Raises DataError where there is no such kind."""
+        """The model with this kind and number. Raises DataError if there is no such kind."""
         ...
 
 
 class Embedded:
-    """Furniture drawn by parameters; any number of each kind."""
+    """Furniture generated from random parameters, as many pieces of each kind as needed."""
 
     kinds: tuple[str, ...] = tuple(sorted(_MAKERS))
 
@@ -115,19 +115,19 @@ class Embedded:
         """See `Library`."""
         if kind not in _MAKERS:
             hint = did_you_mean(kind, self.kinds)
-            raise DataError(f"There is no embedded furniture of kind '{kind}'; {hint}")
+            raise DataError(f"There is no embedded furniture '{kind}'; {hint}")
         rng = np.random.default_rng((zlib.crc32(kind.encode()), number))
         return painted(kind, number, _MAKERS[kind](rng), rng)
 
 
 def painted(kind: str, number: int, mesh: Mesh, rng: np.random.Generator) -> Model:
-    """A model of a mesh: in the size of its kind, wood, paint or cloth for the most, colours for the rest."""
+    """Scales a mesh to its kind's size; large parts get one material and small parts trim colours."""
     used = mesh.vertices[np.unique(mesh.faces)]
     width, _, height = np.ptp(used, axis=0)
     size = SIZES[kind]
     extent = float(height if size.extent == "height" else max(width, height))
     scale = float(rng.uniform(size.low, size.high)) / extent
-    standing = stood(mesh, scale)
+    standing = place_at_origin(mesh, scale)
     main = _main_material(kind, rng)
     count = 4 if kind == "bookshelf" else 1
     trims = [_TRIMS[i] for i in rng.permutation(len(_TRIMS))[:count]]
@@ -147,7 +147,7 @@ def _main_material(kind: str, rng: np.random.Generator) -> Material:
 
 
 def _by_parts(mesh: Mesh, trims: int) -> NDArray[np.int32]:
-    """Material (M,) of every face: 0 for the large connected parts, 1..trims in turn for the others."""
+    """(M,) material of every face: 0 for the large connected parts, 1..trims in turn for the others."""
     _, welded = np.unique(np.round(mesh.vertices, 5), axis=0, return_inverse=True)
     faces = welded.reshape(-1)[mesh.faces]
     n = int(faces.max()) + 1

@@ -1,4 +1,4 @@
-"""The painted mesh: what libraries make, layouts place and the renderer sees."""
+"""The mesh with materials, made by libraries, placed by layouts and rendered by the renderer."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from activelsd.scenery.shapes.solids import join
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """An object in its own coordinates: metres, z up, its front towards -y.
+    """An object in its own coordinates: metres, z up, front towards -y.
 
-    It stands on z = 0 with the middle of its bounding box over the origin.
+    It stands on z = 0, with the centre of its bounding box above the origin.
     """
 
     kind: str
-    number: int  # kind and number fix the rest
+    number: int  # kind and number determine the rest
     mesh: Mesh
-    paint: NDArray[np.int32]  # (M,) number of each face's material
+    paint: NDArray[np.int32]  # (M,) index of each face's material
     materials: tuple[Material, ...]
 
     @property
@@ -43,14 +43,14 @@ Part = tuple[Mesh, Material]
 
 
 def assembled(kind: str, number: int, parts: Sequence[Part], scale: float = 1.0) -> Model:
-    """The model of parts in any position, scaled, then set down on the origin."""
+    """Joins parts to a model, scales it and places it at the origin."""
     materials = tuple(dict.fromkeys(material for _, material in parts))
     paint = np.concatenate([np.full(len(m.faces), materials.index(p), np.int32) for m, p in parts])
-    return Model(kind, number, stood(join(mesh for mesh, _ in parts), scale), paint, materials)
+    return Model(kind, number, place_at_origin(join(mesh for mesh, _ in parts), scale), paint, materials)
 
 
-def stood(mesh: Mesh, scale: float) -> Mesh:
-    """The mesh scaled, its lowest point at z = 0, the middle of its bounding box over the origin."""
+def place_at_origin(mesh: Mesh, scale: float) -> Mesh:
+    """The scaled mesh with its lowest point at z = 0 and its bounding box centred above the origin."""
     used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
     low, high = used.min(axis=0), used.max(axis=0)
     centre = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])

@@ -11,10 +11,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from activelsd.scenery.rays import dot, face_normals, scene_of
 from activelsd.scenery.rooms.layout import Placed, Room
 from activelsd.scenery.rooms.textures import Palette
 from activelsd.scenery.shapes.solids import shift, turn
@@ -75,8 +74,7 @@ class RoomRenderer:
         whole = Placed(room.shell, 0.0, 0.0, 0.0, 0.0, NOTHING)
         placed = [*room.things, whole]  # last, so that the number NOTHING finds it
         corners = np.concatenate([_corners(thing) for thing in placed])
-        self._scene = EmbreeScene(robust=True)
-        TriangleMesh(self._scene, corners)
+        self._scene = scene_of(corners)
 
         faces = [len(thing.model.mesh.faces) for thing in placed]
         numbers = np.arange(len(placed))
@@ -90,7 +88,7 @@ class RoomRenderer:
         self._patterned = self._palette.patterns[self._material_of] > 0
         self._patterned[-1] = False
         self._colour_of = self._palette.colours[self._material_of]
-        self._normal_of = np.vstack([_normals(corners), np.zeros((1, 3), np.float32)])
+        self._normal_of = np.vstack([face_normals(corners), np.zeros((1, 3))]).astype(np.float32)
         angles = np.radians([thing.yaw for thing in placed])
         self._cos, self._sin = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
         self._at = np.array([(thing.x, thing.y, thing.z) for thing in placed], np.float32)
@@ -149,11 +147,11 @@ class RoomRenderer:
         self, points: NDArray[np.float32], rays: NDArray[np.float32], normals: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         """Light (P,) that falls on points (P, 3) hit by rays (P, 3)."""
-        against = -_dot(normals, rays)
+        against = -dot(normals, rays)
         side = np.where(against < 0, np.float32(-1), np.float32(1))
         towards = self._lamp - points
-        squared = _dot(towards, towards)
-        lamp = np.maximum(side * _dot(normals, towards), 0.0) / np.sqrt(squared)
+        squared = dot(towards, towards)
+        lamp = np.maximum(side * dot(normals, towards), 0.0) / np.sqrt(squared)
         lamp /= np.maximum(np.sqrt(squared) / _REACH, 1.0)
         if self._shadows:
             lit = np.flatnonzero(lamp > 0)
@@ -161,7 +159,7 @@ class RoomRenderer:
             ways = self._lamp - starts
             near = np.full(len(lit), 0.999, np.float32)
             lamp[lit[self._scene.run(starts, ways, dists=near, query="OCCLUDED") >= 0]] = 0.0
-        head = np.abs(against) / np.sqrt(_dot(rays, rays))
+        head = np.abs(against) / np.sqrt(dot(rays, rays))
         overhead = np.float32(AMBIENT) * (np.float32(0.85) + np.float32(0.15) * side * normals[:, 2])
         total: NDArray[np.float32] = overhead + np.float32(LAMP) * lamp + np.float32(HEAD) * head
         return total
@@ -186,17 +184,3 @@ def _corners(thing: Placed) -> NDArray[np.float32]:
     """Corners (M, 3, 3) of a thing's faces in the room."""
     mesh = shift(turn(thing.model.mesh, thing.yaw), (thing.x, thing.y, thing.z))
     return np.ascontiguousarray(mesh.vertices[mesh.faces])
-
-
-def _normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Unit normals (M, 3); zero for a face without area."""
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float64)
-    length = np.sqrt(np.square(across).sum(axis=1, keepdims=True))
-    normals = np.divide(across, length, out=np.zeros_like(across), where=length > 0)
-    return np.asarray(normals, np.float32)
-
-
-def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Dot products along the last axis, written out: a BLAS may round differently by machine and threads."""
-    products: NDArray[np.float32] = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
-    return products

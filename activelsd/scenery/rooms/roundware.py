@@ -1,7 +1,7 @@
-"""Household things that are round from every side: fruit, candles, pots … told by their tops and insides.
+"""Household objects that look round from every side: fruit, candles, pots and others.
 
-Those that could be taken for each other share the distribution of their bodies, and so do their look-alikes
-that are no class of any world: a ball, a planter with nothing in it.
+Only their tops and insides show what they are. Similar classes have bodies from the same distribution, and so
+have the look-alikes that are no class in any world: a ball, an empty planter.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _LEAVES: tuple[Colour, ...] = ((58, 110, 56), (88, 140, 70), (44, 84, 60), (120,
 _WAX: tuple[Colour, ...] = ((236, 228, 206), (190, 70, 66), (120, 150, 160), (222, 190, 110), (110, 130, 96))
 _SOIL = Material((70.0, 52.0, 40.0))
 _WALL = 0.008  # metres
-_ON_TABLE, _ON_FLOOR = (0.065, 0.09), (0.13, 0.17)  # metres, between which the radius of pots lies, about
+_ON_TABLE, _ON_FLOOR = (0.065, 0.09), (0.13, 0.17)  # least and most radius of pots, roughly, in metres
 
 
 def _body(rng: np.random.Generator) -> Material:
@@ -29,7 +29,7 @@ def _body(rng: np.random.Generator) -> Material:
 
 
 def _vessel(outer: list[tuple[float, float]], filled: float) -> Mesh:
-    """An open body with that outer wall (radius, height), from the foot up, its inside down to `filled`."""
+    """An open vessel with outer wall points (radius, height) from the foot up, hollow above `filled`."""
     inner = [(r - _WALL, z) for r, z in reversed(outer) if z > filled]
     radii, heights = zip(*outer, strict=True)
     r = float(np.interp(filled, heights, radii)) - _WALL
@@ -37,7 +37,7 @@ def _vessel(outer: list[tuple[float, float]], filled: float) -> Mesh:
 
 
 def apple(rng: np.random.Generator) -> list[Part]:
-    """Hollow where the stem stands, narrower below; a leaf on some."""
+    """An apple with a hollow around the stem, narrower below, sometimes with a leaf."""
     r = float(rng.uniform(0.04, 0.05))
     angles = np.radians(np.linspace(-80.0, 80.0, 13))
     radii = r * np.cos(angles) ** 0.8 * (1.0 + 0.12 * np.sin(angles))
@@ -55,7 +55,7 @@ def apple(rng: np.random.Generator) -> list[Part]:
 
 
 def ball(rng: np.random.Generator) -> list[Part]:
-    """A sphere, of one colour or with a band around it."""
+    """A ball of one colour, or with a band around it."""
     r = float(rng.uniform(0.04, 0.05))
     x, z = r * arc(-90, 90, 13).T
     ring = list(zip(x.tolist(), (r + z).tolist(), strict=True))
@@ -68,7 +68,7 @@ def ball(rng: np.random.Generator) -> list[Part]:
 
 
 def dish(rng: np.random.Generator) -> list[Part]:
-    """A bowl, deep or shallow, on a narrow foot."""
+    """A deep or shallow bowl on a narrow foot."""
     r = float(rng.uniform(0.075, 0.11))
     h = r * float(rng.uniform(0.6, 1.0))
     bulge = float(rng.uniform(0.4, 0.8))
@@ -85,7 +85,7 @@ def dish(rng: np.random.Generator) -> list[Part]:
 
 
 def candle(rng: np.random.Generator) -> list[Part]:
-    """A wick on wax: a pillar, the same on a dish, or in a glass."""
+    """A candle: a pillar alone, on a dish, or wax in a glass."""
     r, h = float(rng.uniform(0.034, 0.046)), float(rng.uniform(0.1, 0.2))
     wax = Material(_WAX[rng.integers(len(_WAX))])
     style = rng.integers(3)
@@ -113,7 +113,7 @@ def candle(rng: np.random.Generator) -> list[Part]:
 
 
 def soap_bottle(rng: np.random.Generator) -> list[Part]:
-    """A round or square body under a pump whose spout points forward."""
+    """A round or square bottle with a pump whose spout points forward."""
     r, h = float(rng.uniform(0.034, 0.046)), float(rng.uniform(0.1, 0.16))
     body = _body(rng)
     parts: list[Part] = []
@@ -136,7 +136,7 @@ def soap_bottle(rng: np.random.Generator) -> list[Part]:
 
 
 def _pot(rng: np.random.Generator, scale: float) -> tuple[list[tuple[float, float]], Material]:
-    """The outer wall and the material of what holds a plant, rubbish or nothing."""
+    """The outer wall and material of a pot or garbage can."""
     r = scale * float(rng.uniform(0.85, 1.1))
     h = scale * float(rng.uniform(1.3, 2.2))
     foot, belly = float(rng.uniform(0.65, 0.95)), float(rng.uniform(-0.03, 0.12))
@@ -149,7 +149,7 @@ def _pot(rng: np.random.Generator, scale: float) -> tuple[list[tuple[float, floa
 
 
 def _leaf(length: float, width: float, rise: float) -> Mesh:
-    """A leaf from the origin along x, folded along its middle, that rises by a share and then droops."""
+    """A leaf from the origin along x, folded along its middle; it rises by `rise` x length, then droops."""
     shares = np.array([0.0, 0.35, 0.7, 1.0])
     x, z = length * shares, length * rise * np.sin(shares * 2.4)
     half = width / 2 * np.array([0.15, 1.0, 0.8, 0.0])
@@ -161,7 +161,7 @@ def _leaf(length: float, width: float, rise: float) -> Mesh:
 
 
 def _foliage(rng: np.random.Generator, reach: float, tall: float) -> list[Part]:
-    """What grows from the origin, about `reach` metres wide either way and so high."""
+    """A plant that grows from the origin, with radius about `reach` and height about `tall`, in metres."""
     green = _LEAVES[rng.integers(len(_LEAVES))]
     shades = [Material(green), Material(darker(green, 0.25)), Material(darker(green, -0.2))]
     grow = (_rosette, _cactus, _bush)[rng.integers(3)]
@@ -173,7 +173,7 @@ def _foliage(rng: np.random.Generator, reach: float, tall: float) -> list[Part]:
 
 
 def _rosette(rng: np.random.Generator, reach: float, tall: float) -> list[Mesh]:
-    """Leaves from the middle, as an aloe's or a lily's."""
+    """Leaves that grow from the centre, as in an aloe or a lily."""
     leaves = []
     for i in range(int(rng.integers(9, 15))):
         steep = float(rng.uniform(15, 80))
@@ -197,7 +197,7 @@ def _cactus(rng: np.random.Generator, reach: float, tall: float) -> list[Mesh]:
 
 
 def _bush(rng: np.random.Generator, reach: float, tall: float) -> list[Mesh]:
-    """Leaves all over a ball that a stem holds up."""
+    """Leaves on the surface of an ellipsoid above a stem."""
     leaves = []
     for _ in range(int(rng.integers(26, 40))):
         at = rng.normal(size=3)
@@ -209,7 +209,7 @@ def _bush(rng: np.random.Generator, reach: float, tall: float) -> list[Mesh]:
 
 
 def _potted(rng: np.random.Generator, scale: float, *, planted: bool) -> list[Part]:
-    """A pot filled with earth, and what grows in it where something does."""
+    """A pot filled with soil, with a plant if `planted`."""
     outer, body = _pot(rng, scale)
     r, h = outer[-1]
     soil = h - 0.2 * scale
@@ -227,22 +227,22 @@ def house_plant(rng: np.random.Generator) -> list[Part]:
 
 
 def tall_plant(rng: np.random.Generator) -> list[Part]:
-    """The same for the floor."""
+    """A pot for the floor with leaves, a cactus or a bush in it."""
     return _potted(rng, float(rng.uniform(*_ON_FLOOR)), planted=True)
 
 
 def planter(rng: np.random.Generator) -> list[Part]:
-    """A pot for a table with earth in it, no more."""
+    """A pot for a table with only soil in it."""
     return _potted(rng, float(rng.uniform(*_ON_TABLE)), planted=False)
 
 
 def tall_planter(rng: np.random.Generator) -> list[Part]:
-    """The same for the floor."""
+    """A pot for the floor with only soil in it."""
     return _potted(rng, float(rng.uniform(*_ON_FLOOR)), planted=False)
 
 
 def garbage_can(rng: np.random.Generator) -> list[Part]:
-    """Deep and open with a bag over the rim, or under a lid with a flap and a pedal in front."""
+    """An open can, often with a bag over the rim, or a can with a lid, a flap and a pedal."""
     outer, body = _pot(rng, float(rng.uniform(*_ON_FLOOR)))
     r, h = outer[-1]
     if rng.random() < 0.65:
@@ -273,4 +273,4 @@ MAKERS: Mapping[str, Callable[[np.random.Generator], list[Part]]] = {
     "tall_plant": tall_plant,
     "tall_planter": tall_planter,
 }
-"""What makes the parts of each kind, the front towards -y."""
+"""The function that makes the parts of each kind, with the front towards -y."""

@@ -1,4 +1,4 @@
-"""The empty room: floor, walls with a door and windows in them, and a ceiling if wanted."""
+"""The empty room: floor, walls with a door and windows, and optionally a ceiling."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from activelsd.scenery.rooms.textures import Colour, Material, darker
 from activelsd.scenery.shapes.solids import box, join, shift, turn
 
 THICK = 0.12
-"""Metres of a wall."""
+"""Thickness of a wall in metres."""
 
 WALLS = ("south", "east", "north", "west")
 """South is y = 0 and north y = depth; west is x = 0 and east x = width."""
 
 YAWS = {"south": 180.0, "east": 270.0, "north": 0.0, "west": 90.0}
-"""How a model is turned that stands with its back to a wall."""
+"""Yaw in degrees of a model whose back is to the wall."""
 
 DOOR_ZONE = 0.8
-"""Metres before a door that are kept free."""
+"""Depth in metres of the floor in front of a door that is kept free."""
 
 _WALL_PAINTS: tuple[Colour, ...] = (
     (222, 218, 206), (196, 206, 212), (214, 198, 170), (184, 198, 176), (206, 182, 176), (232, 230, 226),
@@ -41,14 +41,14 @@ class Opening(NamedTuple):
 
     kind: str  # door or window
     wall: str  # of WALLS
-    left: float  # metres from the wall's left end, seen from inside, to the opening
+    left: float  # metres from the wall's left end to the opening, seen from inside
     width: float
     low: float
     high: float
 
 
 class FloorPlan(NamedTuple):
-    """Walls of a room, without what stands in it; floor at z = 0, a corner at the origin."""
+    """The walls of a room, without its contents; the floor is at z = 0, a corner at the origin."""
 
     width: float  # along x, metres
     depth: float  # along y
@@ -57,11 +57,11 @@ class FloorPlan(NamedTuple):
     openings: tuple[Opening, ...]
 
     def length(self, wall: str) -> float:
-        """Metres of a wall."""
+        """Length of a wall in metres."""
         return self.width if wall in ("south", "north") else self.depth
 
     def along(self, wall: str, left: float, out: float) -> tuple[float, float]:
-        """The point on the floor `left` metres along a wall from its left end and `out` metres before it."""
+        """The floor point `left` metres along a wall from its left end and `out` metres in front of it."""
         return {
             "south": (self.width - left, out),
             "east": (self.width - out, self.depth - left),
@@ -70,13 +70,13 @@ class FloorPlan(NamedTuple):
         }[wall]
 
     def before(self, opening: Opening, out: float) -> Rect:
-        """The floor before an opening, `out` metres deep."""
+        """The floor area in front of an opening, `out` metres deep."""
         x, y = self.along(opening.wall, opening.left + opening.width / 2, out / 2)
         return Rect(x, y, opening.width / 2, out / 2, YAWS[opening.wall])
 
 
 def draw_plan(rng: np.random.Generator, width: float, depth: float, *, ceiling: bool) -> FloorPlan:
-    """A door in one wall and windows in one or two others, in a room of that size."""
+    """A random floor plan of that size, with a door in one wall and windows in one or two others."""
     plan = FloorPlan(width, depth, float(rng.uniform(2.4, 2.7)), ceiling, ())
     walls = [WALLS[i] for i in rng.permutation(4)[: int(rng.integers(2, 4))]]
     openings = []
@@ -92,7 +92,7 @@ def draw_plan(rng: np.random.Generator, width: float, depth: float, *, ceiling: 
 
 
 def draw_shell(rng: np.random.Generator, plan: FloorPlan) -> Model:
-    """Floor, walls and ceiling as one model, in the room's coordinates."""
+    """Floor, walls and ceiling as one model in room coordinates, with random materials."""
     paint = _WALL_PAINTS[rng.integers(len(_WALL_PAINTS))]
     style = ("plain", "plain", "stripes")[rng.integers(3)]
     wall_paint = Material(paint, darker(paint, 0.07), style, float(rng.uniform(0.2, 0.5)), 0)
@@ -106,7 +106,7 @@ def draw_shell(rng: np.random.Generator, plan: FloorPlan) -> Model:
         striped = wall_paint if wall in ("south", "north") else other
         opening = next((o for o in plan.openings if o.wall == wall), None)
         parts += [
-            (_stood(plan, wall, mesh), m) for mesh, m in _wall(plan, wall, opening, striped, trim, leaf)
+            (_to_room(plan, wall, mesh), m) for mesh, m in _wall(plan, wall, opening, striped, trim, leaf)
         ]
     if plan.ceiling:
         parts.append((box((-THICK, -THICK, h), (w + THICK, d + THICK, h + 0.1)), Material((238, 236, 230))))
@@ -118,7 +118,7 @@ def draw_shell(rng: np.random.Generator, plan: FloorPlan) -> Model:
 def _wall(
     plan: FloorPlan, wall: str, opening: Opening | None, paint: Material, trim: Material, leaf: Material
 ) -> list[Part]:
-    """A wall from x = 0 rightwards, its inside at y = 0 and facing -y."""
+    """A wall along +x from x = 0, with its inner side at y = 0 facing -y."""
     length, high, skirting = plan.length(wall), plan.height, 0.08
     if opening is None:
         return [
@@ -153,7 +153,7 @@ def _wall(
     ]
 
 
-def _stood(plan: FloorPlan, wall: str, mesh: Mesh) -> Mesh:
-    """A wall's part in its place in the room."""
+def _to_room(plan: FloorPlan, wall: str, mesh: Mesh) -> Mesh:
+    """Moves a part of a wall to the wall's place in the room."""
     x, y = plan.along(wall, 0.0, 0.0)
     return shift(turn(mesh, YAWS[wall]), (x, y, 0.0))

@@ -1,7 +1,7 @@
-"""Small things of a household: cans, bottles, boxes, cups … that keep shape and paint wherever they stand.
+"""Small household objects with labels: cans, bottles, boxes, cups and others.
 
-They come in families of four that share body and colours and differ in the pattern of their labels alone,
-which are on most sides and about as dark as each other: from too far away they are all gray.
+They come in families of four with the same body and colours; only the patterns of their labels differ. Labels
+are on most sides and have similar mean brightness, so from far away they all look gray.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ LABELS = (
     ("#.#.#", ".#.#.", "#.#.#", ".#.#.", "#.#.#"),
     ("#####", "#...#", "#.#.#", "#...#", "#####"),
 )
-"""Cells of the label of each member of a family, as one reads them; # is dark."""
+"""Cells of the label of each member of a family, row by row from the top; # is dark."""
 
 _BODIES: tuple[Colour, ...] = (
     (178, 38, 42), (38, 74, 148), (214, 178, 52), (40, 120, 74), (226, 222, 210), (92, 60, 44), (60, 62, 70),
@@ -33,12 +33,12 @@ _BODIES: tuple[Colour, ...] = (
 )  # fmt: skip
 _LIGHT, _DARK = Material((240.0, 238.0, 228.0)), Material((28.0, 28.0, 34.0))
 _CELLS = len(LABELS[0])
-_PROUD = 0.0008
-"""Metres that a label stands out of what it is glued to."""
+_RELIEF = 0.0008
+"""Metres by which a label stands out from the surface."""
 
 
 class _Style(NamedTuple):
-    """What the members of a family share but for the label."""
+    """The random parameters of an object: only `label` differs within a family."""
 
     rng: np.random.Generator
     body: Material
@@ -47,7 +47,7 @@ class _Style(NamedTuple):
 
 
 def small_thing(kind: str, number: int) -> Model:
-    """The thing of that kind and number: the same to the byte whenever it is asked for.
+    """The object with this kind and number, always the same to the byte.
 
     Args:
         kind: one of `KINDS`.
@@ -58,7 +58,7 @@ def small_thing(kind: str, number: int) -> Model:
     """
     if kind not in _MAKERS:
         hint = did_you_mean(kind, KINDS)
-        raise DataError(f"There is no small thing '{kind}' among the embedded ones; {hint}")
+        raise DataError(f"There is no embedded small object '{kind}'; {hint}")
     family, label = divmod(number, len(LABELS))
     rng = np.random.default_rng((zlib.crc32(kind.encode()), family))
     first, second = rng.permutation(len(_BODIES))[:2]
@@ -67,14 +67,14 @@ def small_thing(kind: str, number: int) -> Model:
 
 
 def _on_lathe(style: _Style, outer: Sequence[tuple[float, float]], low: float, high: float) -> list[Part]:
-    """Three labels around a body turned from an outer wall (radius, height), the first on its front, -y."""
+    """Three labels around a body with outer wall points (radius, height); the first faces the front, -y."""
     radii, heights = zip(*outer, strict=True)
     parts: list[Part] = []
     edges = np.linspace(-45.0, 45.0, _CELLS + 1) - 90.0
     levels = np.linspace(high, low, _CELLS + 1)
     for i, row in enumerate(style.label):
         z = levels[[i + 1, i]]
-        r = np.interp(z, heights, radii) + _PROUD
+        r = np.interp(z, heights, radii) + _RELIEF
         for j, cell in enumerate(row):
             ring = arc(edges[j], edges[j + 1], 3)
             grid = np.empty((len(z), len(ring), 3), np.float32)
@@ -85,7 +85,7 @@ def _on_lathe(style: _Style, outer: Sequence[tuple[float, float]], low: float, h
 
 
 def _sheet(grid: np.ndarray[tuple[int, int, int], np.dtype[np.float32]]) -> Mesh:
-    """Two triangles for each cell of a grid (R, C, 3) of points."""
+    """A mesh with two triangles for each cell of a grid (R, C, 3) of points."""
     rows, columns, _ = grid.shape
     i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij")
     a = i * columns + j
@@ -94,17 +94,17 @@ def _sheet(grid: np.ndarray[tuple[int, int, int], np.dtype[np.float32]]) -> Mesh
 
 
 def _on_front(style: _Style, x: tuple[float, float], z: tuple[float, float], y: float) -> list[Part]:
-    """The label as tiles between two x and two z on an upright plane that faces -y."""
+    """The label on an upright plane that faces -y, within the given ranges of x and z."""
     xs, zs = np.linspace(*x, _CELLS + 1), np.linspace(*z[::-1], _CELLS + 1)
     return [
-        (box((xs[j], y - _PROUD, zs[i + 1]), (xs[j + 1], y, zs[i])), _DARK if cell == "#" else _LIGHT)
+        (box((xs[j], y - _RELIEF, zs[i + 1]), (xs[j + 1], y, zs[i])), _DARK if cell == "#" else _LIGHT)
         for i, row in enumerate(style.label)
         for j, cell in enumerate(row)
     ]
 
 
 def _turned(parts: Sequence[Part], angle: float) -> list[Part]:
-    """The same on another side."""
+    """The parts rotated about z by an angle in degrees."""
     return [(turn(mesh, angle), material) for mesh, material in parts]
 
 
@@ -173,7 +173,7 @@ def _bowl(style: _Style) -> list[Part]:
 
 
 def _packet(width: float, depth: float, height: float) -> Callable[[_Style], list[Part]]:
-    """Makes boxes of about that size, with a coloured band across the top and a label on every side."""
+    """A maker of boxes of about that size, with a coloured band at the top and labels on four sides."""
 
     def make(style: _Style) -> list[Part]:
         w, d, h = (float(x * style.rng.uniform(0.9, 1.1)) for x in (width, depth, height))
@@ -193,7 +193,7 @@ def _packet(width: float, depth: float, height: float) -> Callable[[_Style], lis
 
 
 def _book(style: _Style) -> list[Part]:
-    """Standing a little open, a label on both covers."""
+    """A standing book with a label on both covers."""
     w, d, h = (float(style.rng.uniform(*x)) for x in ((0.14, 0.17), (0.03, 0.045), (0.2, 0.24)))
     pages = Material((226.0, 220.0, 200.0))
     front = _on_front(style, (-0.38 * w, 0.38 * w), (0.35 * h, 0.9 * h), -d / 2)
@@ -208,7 +208,7 @@ def _book(style: _Style) -> list[Part]:
 
 
 def _radio(style: _Style) -> list[Part]:
-    """A loudspeaker to the left of the label, a handle on top, and a label behind."""
+    """A radio with a loudspeaker to the left of the label, a handle on top and a label on the back."""
     w, d, h = (float(style.rng.uniform(*x)) for x in ((0.24, 0.3), (0.08, 0.1), (0.15, 0.18)))
     cone = turn(cylinder(0.36 * h, 0.0, 0.006, segments=24), 90, axis="x")
     front = _on_front(style, (0.04 * w, 0.44 * w), (0.15 * h, 0.85 * h), -d / 2)
@@ -223,7 +223,7 @@ def _radio(style: _Style) -> list[Part]:
 
 
 def _laptop(style: _Style) -> list[Part]:
-    """Open, a label on the screen and on the back of that."""
+    """An open laptop with a label on both sides of the screen."""
     w, lean = float(style.rng.uniform(0.3, 0.34)), float(style.rng.uniform(10, 20))
     d, h = 0.66 * w, 0.62 * w
     label = _on_front(style, (-0.4 * w, 0.4 * w), (0.014 + 0.1 * h, 0.014 + 0.9 * h), -0.004)
@@ -255,4 +255,4 @@ _MAKERS: Mapping[str, Callable[[_Style], list[Part]]] = {
 }
 
 KINDS: tuple[str, ...] = tuple(sorted(_MAKERS))
-"""Kinds of small things that are embedded."""
+"""The embedded kinds of small objects."""

@@ -1,24 +1,23 @@
-"""What a thing can stand on: the upward faces of furniture, with room above and a way in for a hand."""
+"""Surfaces that objects can stand on: horizontal faces of furniture that are free and within reach."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from activelsd.scenery.rays import scene_of
 from activelsd.scenery.rooms.footprints import Rect
 from activelsd.scenery.rooms.models import Model
 
 LOWEST, HIGHEST = 0.08, 1.35
-"""Metres above the floor between which surfaces are used."""
+"""Lowest and highest surface used, in metres above the floor."""
 
 _LEAST_AREA = 0.01  # m²
-_LEVEL = 0.98  # of the z of a face's unit normal
-_TOUCH = 0.0015  # metres by which a surface may miss the thing's bottom
-_PITCH = 0.015  # metres between the rays that feel for the surface
+_LEVEL = 0.98  # least z of the unit normal of a horizontal face
+_TOUCH = 0.0015  # largest gap in metres between a surface and an object's bottom
+_PITCH = 0.015  # metres between the rays that test the surface
 
 
 class Spot(NamedTuple):
@@ -33,7 +32,7 @@ class Supports:
     """The horizontal surfaces of one model."""
 
     def __init__(self, model: Model) -> None:
-        """Find them."""
+        """Finds the surfaces."""
         self._corners = model.mesh.vertices[model.mesh.faces].astype(np.float64)
         across = np.cross(
             self._corners[:, 1] - self._corners[:, 0], self._corners[:, 2] - self._corners[:, 0]
@@ -47,26 +46,25 @@ class Supports:
         level &= areas[step] > _LEAST_AREA
         self._level = np.flatnonzero(level)
         self._weights = doubled[self._level] / max(doubled[self._level].sum(), 1e-12)
-        self._scene = EmbreeScene(robust=True)
-        TriangleMesh(self._scene, self._corners.astype(np.float32))
-        self.area = float(doubled[self._level].sum() / 2)  # m², undersides of boards included
+        self._scene = scene_of(self._corners)
+        self.area = float(doubled[self._level].sum() / 2)  # m², including the undersides of boards
 
     def draw(self, rng: np.random.Generator) -> Spot:
-        """A point on one of them, by area. There must be some."""
+        """A random point on a surface, uniform by area. There must be at least one surface."""
         a, b, c = self._corners[self._level[rng.choice(len(self._level), p=self._weights)]]
         u, v = np.sort(rng.random(2))
         x, y, z = a * u + b * (v - u) + c * (1 - v)
         return Spot(float(x), float(y), float(z))
 
     def holds(self, base: Rect, z: float, height: float) -> bool:
-        """Whether a box of that base and height can stand at z.
+        """Whether a box with this base and height can stand at z.
 
-        All of its base touches a surface, nothing of the model reaches into it, and it can be got at from
-        above or from the front: it is not shut up in a drawer.
+        Its whole base must touch a surface, the model must not reach into it, and it must be reachable from
+        above or from the front, unlike the inside of a drawer.
         """
         return (
             self._touches(base, z, height)
-            and not boxed(self._corners, base, z + 2 * _TOUCH, z + height).any()
+            and not triangles_in_box(self._corners, base, z + 2 * _TOUCH, z + height).any()
             and self._open(base, z, height)
         )
 
@@ -82,12 +80,12 @@ class Supports:
 
     def _open(self, base: Rect, z: float, height: float) -> bool:
         middle = np.array([(base.x, base.y, z + height / 2)] * 2, np.float32)
-        ways = np.array([(0.0, 0.0, 1.0), (0.0, -1.0, 0.0)], np.float32)
-        return bool((self._scene.run(middle, ways, query="OCCLUDED") < 0).any())
+        directions = np.array([(0.0, 0.0, 1.0), (0.0, -1.0, 0.0)], np.float32)
+        return bool((self._scene.run(middle, directions, query="OCCLUDED") < 0).any())
 
 
-def boxed(corners: NDArray[np.float64], base: Rect, low: float, high: float) -> NDArray[np.bool_]:
-    """Which triangles (M, 3, 3) reach into an upright box (separating axes, Akenine-Möller 2001)."""
+def triangles_in_box(corners: NDArray[np.float64], base: Rect, low: float, high: float) -> NDArray[np.bool_]:
+    """(M,) whether triangles (M, 3, 3) reach into an upright box (separating axes, Akenine-Möller 2001)."""
     local = np.concatenate([base.local(corners[..., :2]), corners[..., 2:] - (low + high) / 2], axis=-1)
     half = np.array([base.half_x, base.half_y, (high - low) / 2])
     near: NDArray[np.bool_] = (
@@ -101,6 +99,6 @@ def boxed(corners: NDArray[np.float64], base: Rect, low: float, high: float) -> 
     spans = np.einsum("kac,kpc->kap", axes, tri)
     reach = (np.abs(axes) * half).sum(axis=2)
     apart = (spans.min(axis=2) > reach - 1e-9) | (spans.max(axis=2) < -reach + 1e-9)
-    flat = (np.abs(axes) < 1e-12).all(axis=2)  # an edge along a box's axis says nothing
+    flat = (np.abs(axes) < 1e-12).all(axis=2)  # an edge parallel to a box axis gives no separating axis
     inside[near] = ~(apart & ~flat).any(axis=1)
     return inside

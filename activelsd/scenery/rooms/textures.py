@@ -1,6 +1,6 @@
-"""Colours and patterns of surfaces, computed from a point in the coordinates of the object it lies on.
+"""Colours and patterns of surfaces, computed from points in the object's own coordinates.
 
-A pattern goes with its object wherever that stands, and needs no picture and no texture coordinates.
+So a pattern moves with its object, and needs no image and no texture coordinates.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ Colour = tuple[float, float, float]
 """Red, green, blue in 0..255."""
 
 PATTERNS = ("plain", "stripes", "checks", "grain")
-_OFFSET = 0.137  # of a period, so that a face on a multiple of it does not flicker between two checks
+_OFFSET = 0.137  # of a period, so that a face at a multiple of the period does not flicker between checks
 
 
 class Material(NamedTuple):
-    """What a surface looks like under white light."""
+    """The appearance of a surface under white light."""
 
     colour: Colour
-    second: Colour = (0.0, 0.0, 0.0)  # of every other stripe, check or grain
+    second: Colour = (0.0, 0.0, 0.0)  # colour of every other stripe, check or grain
     pattern: str = "plain"
     period: float = 1.0  # metres
-    axis: int = 0  # that stripes and grain change along: 0 x, 1 y, 2 z
+    axis: int = 0  # axis along which stripes and grain change: 0 x, 1 y, 2 z
 
 
 class Palette:
     """Materials as arrays, to look up many points at once."""
 
     def __init__(self, materials: Sequence[Material]) -> None:
-        """Keep the materials under their numbers."""
+        """Stores the materials in order; their indices are the keys."""
         self.colours = np.array([m.colour for m in materials], np.float32)  # (N, 3)
         self.patterns = np.array([PATTERNS.index(m.pattern) for m in materials], np.uint8)  # (N,)
         self._seconds = np.array([m.second for m in materials], np.float32)
@@ -41,7 +41,7 @@ class Palette:
         self._axes = np.array([m.axis for m in materials], np.int64)
 
     def patterned(self, materials: NDArray[np.int32], points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Colours (P, 3) of points (P, 3), in metres of their object, whose material (P,) has a pattern."""
+        """Colours (P, 3) of points (P, 3), in metres in the object, with patterned materials (P,)."""
         scaled = points * self._per_metre[materials, None] + np.float32(_OFFSET)
         axes = self._axes[materials]
         rows = np.arange(len(axes))

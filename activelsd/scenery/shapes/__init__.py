@@ -1,7 +1,7 @@
-"""Embedded shapes: meshes of ModelNet40 categories made by parameters, where no data set is at hand.
+"""Embedded shapes: random meshes of ModelNet40 categories, for use without a data set.
 
-They come in groups that look alike from some sides and not from others, as real objects do: cabinets are
-plain at the back, a cup hides its handle. One view is not enough; a ring of views is.
+As with real objects, some categories look the same from some sides: cabinets are plain at the back, and a cup
+can hide its handle. So one view is not enough, but a ring of views is.
 """
 
 from __future__ import annotations
@@ -35,18 +35,17 @@ _MAKERS: Mapping[str, Callable[[np.random.Generator], Mesh]] = {
 }
 
 CATEGORIES: tuple[str, ...] = tuple(sorted(_MAKERS))
-"""Names of the embedded categories, all of them ModelNet40's."""
+"""Names of the embedded categories; all are ModelNet40 categories."""
 
 
 def make_shape(category: str, rng: np.random.Generator) -> Mesh:
-    """Draw an object of a category, turned about z by a random angle so that azimuth says nothing.
+    """Draws an object of a category and rotates it about z by a random angle, so that azimuth has no meaning.
 
     Raises:
         DataError: there is no embedded category of that name.
     """
     if category not in _MAKERS:
-        known = ", ".join(CATEGORIES)
-        raise DataError(f"There is no embedded category '{category}'; the embedded ones are {known}.")
+        raise DataError(f"There is no embedded category '{category}'; there are {', '.join(CATEGORIES)}.")
     mesh = _MAKERS[category](rng)
     return turn(mesh, float(rng.uniform(0.0, 360.0)))
 

@@ -1,7 +1,7 @@
-"""Case furniture: one plain carcass seen from behind, told apart by what its front holds.
+"""Cabinets: furniture with the same plain body, whose class can be seen only from the front.
 
-Bookshelf, wardrobe, dresser, night stand and TV stand share the distribution of their outer box, of the
-foot it stands on and of the top that covers it, so that only views of the front settle which it is.
+Bookshelf, wardrobe, dresser, night stand and TV stand have body, feet and top from the same distributions, so
+only views of the front show which one it is.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from activelsd.scenery.meshes import Mesh
 from activelsd.scenery.shapes.solids import box, cylinder, join, shift, slab, turn
 
 FRONT = 0.022
-"""How far doors and drawers stand out of the carcass."""
+"""Distance by which doors and drawers stand out from the body."""
 
 GAP = 0.03
-"""Between neighbouring doors or drawers."""
+"""Gap between neighbouring doors or drawers."""
 
 
 class Case(NamedTuple):
-    """The outer box, front towards -y, and the parts that are the same for every category."""
+    """The body's outer box, front towards -y, and the parts that every category has."""
 
     width: float
     depth: float
@@ -31,23 +31,23 @@ class Case(NamedTuple):
 
     @property
     def front(self) -> float:
-        """The y of the carcass's front."""
+        """The y of the body's front."""
         return -self.depth / 2
 
     @property
     def inner(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of the front, less a margin of a board's thickness."""
+        """Left, right, bottom and top of the front inside a margin of one board's thickness."""
         board = 0.035
         return -self.width / 2 + board, self.width / 2 - board, self.bottom + board, self.top - board
 
 
 def case(rng: np.random.Generator, low: float, high: float, *, deep: float = 1.0) -> Case:
-    """Draw a box whose longer side, width or height, is 1.
+    """Draws a body whose longer side, width or height, is 1.
 
     Args:
-        rng: where to draw from.
-        low: least width over height.
-        high: most width over height.
+        rng: random generator.
+        low: smallest ratio of width to height.
+        high: largest ratio of width to height.
         deep: factor on the depth.
     """
     ratio = float(np.exp(rng.uniform(np.log(low), np.log(high))))
@@ -70,18 +70,18 @@ def case(rng: np.random.Generator, low: float, high: float, *, deep: float = 1.0
 
 
 def feet(width: float, depth: float, height: float, side: float) -> list[Mesh]:
-    """Four square feet under the corners."""
+    """Four square feet at the corners."""
     x, y = width / 2 - side / 2 - 0.01, depth / 2 - side / 2 - 0.01
     return [slab(side, side, height, at=(sx * x, sy * y, 0.0)) for sx in (-1, 1) for sy in (-1, 1)]
 
 
 def closed(shell: Case) -> Mesh:
-    """The carcass as one full block."""
+    """The body as one solid block."""
     return slab(shell.width, shell.depth, shell.top - shell.bottom, at=(0, 0, shell.bottom))
 
 
 def opened(shell: Case) -> list[Mesh]:
-    """The carcass as boards: two sides, floor, ceiling and a back."""
+    """The body as boards, open at the front: two sides, bottom, top and back."""
     w, d, z0, z1, t = shell.width / 2, shell.depth / 2, shell.bottom, shell.top, 0.035
     return [
         box((-w, -d, z0), (-w + t, d, z1)),
@@ -93,7 +93,7 @@ def opened(shell: Case) -> list[Mesh]:
 
 
 def knob(x: float, y: float, z: float, radius: float) -> Mesh:
-    """A round knob standing out towards the front."""
+    """A round knob on the front."""
     return shift(turn(cylinder(radius, 0.0, radius * 1.8, segments=8), 90, axis="x"), (x, y, z))
 
 
@@ -110,11 +110,11 @@ def drawers(
     """A grid of drawers over an area (left, right, bottom, top) of the front.
 
     Args:
-        pulled_by: on each drawer a pull (0), a knob (1) or two knobs (2).
-        front: y of the carcass's front.
-        area: the part of it that the drawers fill.
-        rows: how many above each other.
-        columns: how many side by side.
+        pulled_by: handles of each drawer: a bar (0), a knob (1) or two knobs (2).
+        front: y of the body's front.
+        area: part of the front that the drawers fill.
+        rows: number of rows.
+        columns: number of columns.
     """
     x0, x1, z0, z1 = area
     parts: list[Mesh] = []
@@ -139,14 +139,14 @@ def drawers(
 
 
 def grip(rng: np.random.Generator) -> int:
-    """Draw what the drawers of a piece of furniture are pulled by."""
+    """Draws the kind of handle for all drawers of a piece of furniture, see `drawers`."""
     return int(rng.integers(3))
 
 
 def doors(
     rng: np.random.Generator, front: float, area: tuple[float, float, float, float], count: int
 ) -> list[Mesh]:
-    """Doors side by side, hinged in pairs, some with a raised panel."""
+    """Doors side by side; handles of a pair are adjacent, and some sets have raised panels."""
     x0, x1, z0, z1 = area
     width, parts = (x1 - x0) / count, []
     panelled, long = rng.random() < 0.5, float(rng.uniform(0.15, 0.3))
@@ -164,7 +164,7 @@ def doors(
 
 
 def books(rng: np.random.Generator, shell: Case, low: float, high: float, x0: float, x1: float) -> list[Mesh]:
-    """A run of books on a shelf, from one end and not always to the other."""
+    """A row of books on a shelf, from its left end over 20 to 90 % of its length."""
     parts: list[Mesh] = []
     x, end = x0, x0 + (x1 - x0) * float(rng.uniform(0.2, 0.9))
     back = shell.depth / 2 - 0.02
@@ -211,7 +211,7 @@ def wardrobe(rng: np.random.Generator) -> Mesh:
 
 
 def dresser(rng: np.random.Generator) -> Mesh:
-    """Drawers all over, three rows or more."""
+    """Drawers over the whole front, in three to five rows."""
     shell = case(rng, 0.7, 1.8)
     rows = int(rng.integers(3, 6)) if shell.top > 0.75 else 3
     columns = 1 if shell.width < 0.8 else int(rng.integers(1, 4))
@@ -219,7 +219,7 @@ def dresser(rng: np.random.Generator) -> Mesh:
 
 
 def night_stand(rng: np.random.Generator) -> Mesh:
-    """One drawer over an open niche."""
+    """One drawer above an open compartment."""
     shell = case(rng, 0.62, 1.2, deep=1.08)
     x0, x1, z0, z1 = shell.inner
     split = z1 - (z1 - z0) * float(rng.uniform(0.28, 0.42))
@@ -233,7 +233,7 @@ def night_stand(rng: np.random.Generator) -> Mesh:
 
 
 def tv_stand(rng: np.random.Generator) -> Mesh:
-    """Low and wide: doors at both ends, open shelves for the players between them."""
+    """A low and wide stand with doors or drawers at both ends and open shelves between them."""
     shell = case(rng, 1.3, 2.4)
     x0, x1, z0, z1 = shell.inner
     third = (x1 - x0) * float(rng.uniform(0.25, 0.34))
@@ -246,7 +246,7 @@ def tv_stand(rng: np.random.Generator) -> Mesh:
             parts += drawers(grip(rng), shell.front, (a, b, z0, z1), 2, 1)
     middle = (z0 + z1) / 2
     parts.append(box((x0, shell.front, middle - 0.015), (x1, -shell.front, middle + 0.015)))
-    if rng.random() < 0.6:  # a player in the upper niche
+    if rng.random() < 0.6:  # a media player on the upper shelf
         wide, deep = (x1 - x0 - 2 * third) * 0.7, shell.depth * 0.7
         parts.append(slab(wide, deep, (z1 - z0) * 0.2, at=(0, 0, middle + 0.015)))
     return join(parts)

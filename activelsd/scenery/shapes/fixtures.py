@@ -1,4 +1,4 @@
-"""Boxes of a living room that are not cabinets, yet share their carcass: piano, mantel, radio."""
+"""Living-room objects that have the body of a cabinet but are none: piano, mantel, radio."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from activelsd.scenery.shapes.solids import box, cylinder, join, lathe, shift, s
 
 
 def piano(rng: np.random.Generator) -> Mesh:
-    """An upright: the keys on a ledge along the front, held by two legs."""
+    """An upright piano with its keys on a ledge along the front, supported by two legs."""
     shell = case(rng, 0.95, 1.5)
     w, front = shell.width, shell.front
     tall = shell.top - shell.bottom
@@ -28,7 +28,7 @@ def piano(rng: np.random.Generator) -> Mesh:
     for i in range(keys):
         x = -w / 2 + cheek + i * pitch
         parts.append(box((x + 0.004, front - reach + 0.01, ledge), (x + pitch - 0.004, front, ledge + 0.02)))
-        if i % 7 in (0, 1, 3, 4, 5) and i + 1 < keys:  # the black keys stand between these and the next
+        if i % 7 in (0, 1, 3, 4, 5) and i + 1 < keys:  # a black key is between this key and the next
             a = x + 0.7 * pitch
             parts.append(box((a, front - 0.55 * reach, ledge + 0.02), (a + 0.6 * pitch, front, ledge + 0.05)))
     desk = box((-0.3 * w, front - 0.03, ledge + 0.1), (0.3 * w, front, ledge + 0.1 + 0.25 * tall))
@@ -40,7 +40,7 @@ def piano(rng: np.random.Generator) -> Mesh:
 
 
 def mantel(rng: np.random.Generator) -> Mesh:
-    """A fireplace: an opening down to the hearth between two columns, under a shelf."""
+    """A fireplace: an opening between two columns under a shelf."""
     shell = case(rng, 1.0, 1.6, deep=0.95)
     w, d, z0, z1 = shell.width / 2, shell.depth / 2, shell.bottom, shell.top
     half = w * float(rng.uniform(0.45, 0.62))
@@ -72,7 +72,7 @@ def mantel(rng: np.random.Generator) -> Mesh:
 
 
 def radio(rng: np.random.Generator) -> Mesh:
-    """One or two round loudspeakers, a dial and a row of knobs."""
+    """A radio with one or two round loudspeakers, a dial and a row of knobs."""
     shell = case(rng, 1.1, 2.1)
     w, front, z0, z1 = shell.width, shell.front, shell.bottom, shell.top
     tall = z1 - z0
@@ -93,7 +93,7 @@ def radio(rng: np.random.Generator) -> Mesh:
     for i in range(knobs):
         x = x0 + (i + 0.5) * (x1 - x0) / knobs
         parts.append(knob(x, front, z0 + 0.3 * tall, min(0.09 * tall, 0.4 * (x1 - x0) / knobs)))
-    if rng.random() < 0.2:  # an aerial
+    if rng.random() < 0.2:  # an antenna
         aerial = tube(((0.0, 0.0, 0.0), (0.0, 0.0, float(rng.uniform(0.4, 0.7)))), 0.012)
         leaning = turn(aerial, float(rng.uniform(-40, 40)), axis="y")
         parts.append(shift(leaning, (side * 0.4 * w, shell.depth / 2 - 0.04, z1)))

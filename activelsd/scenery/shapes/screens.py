@@ -1,4 +1,4 @@
-"""Monitors and laptops: a leaning panel over a flat base that reaches forward, hidden from behind."""
+"""Monitors and laptops: a leaning panel over a flat base, which the panel hides from behind."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from activelsd.scenery.shapes.solids import box, join, slab, turn
 
 
 def panel(rng: np.random.Generator, bottom: float, bezel: float) -> tuple[float, Mesh]:
-    """Width and mesh of a screen in its bezel, leaning back, its lower edge at height `bottom` on y = 0."""
+    """Width and mesh of a screen with bezel that leans back, its lower edge at height `bottom` and y = 0."""
     w, h = 1.0, float(rng.uniform(0.58, 0.72))
     t = float(rng.uniform(0.025, 0.05))
     parts = [
@@ -28,7 +28,7 @@ def panel(rng: np.random.Generator, bottom: float, bezel: float) -> tuple[float,
 
 
 def laptop(rng: np.random.Generator) -> Mesh:
-    """A base as wide as the panel, with rows of keys and a touch pad."""
+    """A laptop: a base as wide as the panel, with rows of keys and a touch pad."""
     thick = float(rng.uniform(0.03, 0.055))
     w, screen = panel(rng, thick, float(rng.uniform(0.035, 0.06)))
     deep = float(rng.uniform(0.58, 0.7))
@@ -44,7 +44,7 @@ def laptop(rng: np.random.Generator) -> Mesh:
 
 
 def monitor(rng: np.random.Generator) -> Mesh:
-    """A short neck on a plate."""
+    """A monitor: a panel with a short neck on a plate."""
     gap = float(rng.uniform(0.03, 0.06))
     w, screen = panel(rng, gap, float(rng.uniform(0.03, 0.06)))
     wide, deep = w * float(rng.uniform(0.6, 1.0)), float(rng.uniform(0.3, 0.6))

@@ -1,4 +1,4 @@
-"""Sofas and benches: the same back and closed ends; the seat, hidden from behind, tells them apart."""
+"""Sofas and benches: back and ends are the same; only the seat differs, and the back hides it from behind."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from activelsd.scenery.shapes.solids import box, join, prism, slab
 
 
 class Seat(NamedTuple):
-    """Back and ends, the front towards -y, and the room that is left between them."""
+    """Back and ends, with the front towards -y, and the space between them."""
 
     left: float
     right: float
@@ -22,7 +22,7 @@ class Seat(NamedTuple):
 
 
 def frame(rng: np.random.Generator) -> Seat:
-    """Draw the back and the two ends."""
+    """Draws the back and the two ends."""
     w = 1.0
     d = float(rng.uniform(0.36, 0.48))
     height = float(rng.uniform(0.19, 0.24))
@@ -45,7 +45,7 @@ def frame(rng: np.random.Generator) -> Seat:
 
 
 def sofa(rng: np.random.Generator) -> Mesh:
-    """A base to the floor, seat cushions and back cushions."""
+    """A sofa with a base down to the floor, seat cushions and back cushions."""
     seat = frame(rng)
     x0, x1, front, back, height, parts = seat
     base = height * float(rng.uniform(0.5, 0.65))
@@ -74,7 +74,7 @@ def sofa(rng: np.random.Generator) -> Mesh:
 
 
 def bench(rng: np.random.Generator) -> Mesh:
-    """A thin seat of planks with nothing underneath."""
+    """A bench with a thin seat of planks and open space below."""
     seat = frame(rng)
     x0, x1, front, back, height, parts = seat
     planks = int(rng.integers(1, 5))

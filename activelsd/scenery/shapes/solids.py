@@ -1,4 +1,4 @@
-"""Solids the embedded shapes are put together from: boxes, lathes, tubes, prisms, and ways to place them.
+"""Solids that the embedded shapes consist of (boxes, lathes, tubes, prisms), and transforms to place them.
 
 Convention: x is width, y is depth with the front towards -y, z is up.
 """
@@ -30,13 +30,13 @@ def box(low: ArrayLike, high: ArrayLike) -> Mesh:
 
 
 def slab(width: float, depth: float, height: float, *, at: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
-    """A box standing on the point `at`, centred on it in x and y."""
+    """A box whose bottom is centred at the point `at`."""
     x, y, z = np.asarray(at, dtype=np.float64)
     return box((x - width / 2, y - depth / 2, z), (x + width / 2, y + depth / 2, z + height))
 
 
 def lathe(profile: Sequence[tuple[float, float]], segments: int = 24) -> Mesh:
-    """The profile of (radius, height) points turned about z; a radius of zero closes it with a tip."""
+    """The surface of revolution about z of a profile of (radius, height) points; radius 0 closes it."""
     outline = np.asarray(profile, dtype=np.float32)
     angles = np.arange(segments) * (2 * math.pi / segments)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32)
@@ -47,13 +47,13 @@ def lathe(profile: Sequence[tuple[float, float]], segments: int = 24) -> Mesh:
 
 
 def cylinder(radius: float, low: float, high: float, *, segments: int = 16, top: float | None = None) -> Mesh:
-    """A closed upright cylinder, or a cone's trunk where `top` gives another radius for the upper end."""
+    """A closed upright cylinder, or a truncated cone if `top` gives another radius for the upper end."""
     upper = radius if top is None else top
     return lathe(((0.0, low), (radius, low), (upper, high), (0.0, high)), segments)
 
 
 def tube(path: ArrayLike, radius: float, sides: int = 6) -> Mesh:
-    """A round bar along the points (P, 3) of a path in a plane; its ends are open."""
+    """A round tube along the points (P, 3) of a planar path; its ends are open."""
     points = np.asarray(path, dtype=np.float64)
     along = np.gradient(points, axis=0)
     along /= np.sqrt(np.square(along).sum(axis=1, keepdims=True))
@@ -69,7 +69,7 @@ def tube(path: ArrayLike, radius: float, sides: int = 6) -> Mesh:
 
 
 def prism(outline: ArrayLike, x0: float, x1: float) -> Mesh:
-    """A convex outline (P, 2) of (y, z) points drawn out from x0 to x1, its ends closed."""
+    """A convex outline (P, 2) of (y, z) points extruded from x0 to x1, with closed ends."""
     points = np.asarray(outline, dtype=np.float32)
     n = len(points)
     ends = [np.column_stack([np.full(n, x, dtype=np.float32), points]) for x in (x0, x1)]
@@ -84,7 +84,7 @@ def arc(start: float, end: float, points: int) -> NDArray[np.float64]:
 
 
 def join(parts: Iterable[Mesh]) -> Mesh:
-    """All parts as one mesh."""
+    """Joins all parts into one mesh."""
     meshes = list(parts)
     firsts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     faces = [mesh.faces + np.int32(first) for mesh, first in zip(meshes, firsts, strict=True)]
@@ -92,12 +92,12 @@ def join(parts: Iterable[Mesh]) -> Mesh:
 
 
 def shift(mesh: Mesh, by: ArrayLike) -> Mesh:
-    """The mesh moved by (x, y, z)."""
+    """Translates a mesh by (x, y, z)."""
     return Mesh(mesh.vertices + np.asarray(by, dtype=np.float32), mesh.faces)
 
 
 def turn(mesh: Mesh, degrees: float, *, axis: str = "z", about: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
-    """The mesh turned about an axis ('x', 'y' or 'z') through the point `about`, counter-clockwise."""
+    """Rotates a mesh counter-clockwise about an axis ('x', 'y' or 'z') through the point `about`."""
     i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
     sin, cos = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
     centre = np.asarray(about, dtype=np.float64)
@@ -109,7 +109,7 @@ def turn(mesh: Mesh, degrees: float, *, axis: str = "z", about: ArrayLike = (0.0
 
 
 def _quads(rows: int, columns: int) -> NDArray[np.int32]:
-    """Two triangles for each cell of a grid of vertices whose last column meets its first."""
+    """Two triangles for each cell of a vertex grid whose last column is connected to its first."""
     i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
     a, b = i * columns + j, i * columns + (j + 1) % columns
     c, d = a + columns, b + columns

@@ -1,4 +1,4 @@
-"""Tables and desks: the same top, legs and boards; only the desk has drawers, on the sitter's side."""
+"""Tables and desks: top, legs and boards are the same; only a desk has drawers, at the front."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from activelsd.scenery.shapes.solids import box, cylinder, join, shift, slab
 
 
 class Stand(NamedTuple):
-    """Top, supports and back board; the front is towards -y."""
+    """Top, supports and back board, with the front towards -y."""
 
     width: float
     depth: float
@@ -21,12 +21,12 @@ class Stand(NamedTuple):
 
 
 def table(rng: np.random.Generator) -> Mesh:
-    """Nothing but the stand."""
+    """A table: only the stand."""
     return join(stand(rng).parts)
 
 
 def desk(rng: np.random.Generator) -> Mesh:
-    """The stand with a pedestal of drawers at one end or both, or a row of drawers under the top."""
+    """A desk: the stand with a column of drawers at one or both ends, or a row of drawers under the top."""
     whole = stand(rng)
     w, d, under, parts = whole
     front, style = -d / 2 + 0.02, rng.integers(3)
@@ -48,7 +48,7 @@ def desk(rng: np.random.Generator) -> Mesh:
 
 
 def stand(rng: np.random.Generator) -> Stand:
-    """Draw a top on legs or end boards, with a board along the back."""
+    """Draws a top on legs or end boards, with a board along the back."""
     w = 1.0
     d = float(rng.uniform(0.45, 0.7))
     under = float(rng.uniform(0.45, 0.65))

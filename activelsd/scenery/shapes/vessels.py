@@ -1,4 +1,4 @@
-"""Cups and vases: bodies much alike; the handle, where it is not hidden behind, makes the cup."""
+"""Cups and vases: their bodies are similar; only a cup has a handle, which the body may hide."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from activelsd.scenery.shapes.solids import arc, join, lathe, tube
 
 
 def profile(rng: np.random.Generator, waist: float) -> list[tuple[float, float]]:
-    """Outer wall (radius, height) from the foot to a rim at height 1; `waist` pinches it below the rim."""
+    """Outer wall points (radius, height) from the foot to the rim at height 1; `waist` narrows the neck."""
     foot, rim = rng.uniform(0.27, 0.42), rng.uniform(0.34, 0.48)
     belly, at = rng.uniform(-0.04, 0.12), rng.uniform(0.35, 0.6)
     heights = np.linspace(0.0, 1.0, 11)
@@ -20,7 +20,7 @@ def profile(rng: np.random.Generator, waist: float) -> list[tuple[float, float]]
 
 
 def vessel(rng: np.random.Generator, outer: list[tuple[float, float]]) -> Mesh:
-    """The hollow body with that outer wall."""
+    """A hollow body with the given outer wall."""
     wall, floor = float(rng.uniform(0.025, 0.05)), float(rng.uniform(0.05, 0.1))
     inner = [(r - wall, z) for r, z in reversed(outer) if z > floor]
     foot = outer[0][0]
@@ -28,12 +28,12 @@ def vessel(rng: np.random.Generator, outer: list[tuple[float, float]]) -> Mesh:
 
 
 def vase(rng: np.random.Generator) -> Mesh:
-    """A body without a handle, more often than not with a neck."""
+    """A body without a handle, usually with a neck."""
     return vessel(rng, profile(rng, float(rng.uniform(0.0, 0.2))))
 
 
 def cup(rng: np.random.Generator) -> Mesh:
-    """A body with a handle at the front, seldom with a neck."""
+    """A body with a handle at the front, rarely with a neck."""
     outer = profile(rng, float(rng.choice((0.0, 0.0, 0.0, rng.uniform(0.0, 0.1)))))
     low, high = float(rng.uniform(0.15, 0.35)), float(rng.uniform(0.65, 0.85))
     reach, thick = float(rng.uniform(0.12, 0.2)), float(rng.uniform(0.035, 0.055))

@@ -1,4 +1,4 @@
-"""Measures over the time since they were last read; never averages since the start."""
+"""Metrics of the time since they were last read; never averages since the start."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections import defaultdict
 
 
 class Gauges:
-    """Means, peaks, counts, rates and shares of time, by name, from any thread."""
+    """Means, peaks, counts, rates and shares of time, by name; any thread may add to them."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -22,29 +22,29 @@ class Gauges:
         self._rates: dict[str, float] = defaultdict(float)
 
     def mean(self, name: str, value: float, times: float = 1.0) -> None:
-        """A value that is averaged, counted this many times."""
+        """Add a value to a mean, with a weight of `times`."""
         with self._lock:
             total, count = self._means[name]
             self._means[name] = (total + value * times, count + times)
 
     def peak(self, name: str, value: float) -> None:
-        """A value of which the greatest is kept."""
+        """Keep the greatest value."""
         with self._lock:
             self._peaks[name] = max(value, self._peaks.get(name, value))
 
     def count(self, **amounts: float) -> None:
-        """Things that are added up; what is given together is read together."""
+        """Add to counts; amounts that are given together are read together."""
         with self._lock:
             for name, amount in amounts.items():
                 self._counts[name] += amount
 
     def rate(self, name: str, amount: float) -> None:
-        """Something that is added up and divided by the time: a rate, or, of seconds, a share of the time."""
+        """Add to a sum that is divided by the time: a rate, or, if it is of seconds, a share of the time."""
         with self._lock:
             self._rates[name] += amount
 
     def read(self) -> dict[str, float]:
-        """The window's measures; the next window begins."""
+        """Returns the window's metrics and begins the next window."""
         with self._lock:
             seconds = max(time.monotonic() - self._since, 1e-9)
             means = {name: total / count for name, (total, count) in self._means.items() if count}

@@ -1,4 +1,4 @@
-"""What the trainer asks of whoever plays."""
+"""The interface between the trainer and the actors."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from activelsd.train.rollout import Rollout
 
 
 class Actors(Protocol):
-    """Play with the network as it is, and hand over what was played.
+    """Plays with the network as it is, and hands over rollouts.
 
     Attributes:
-        places: of several worlds, the columns of a rollout that each has; of one world, nothing.
+        places: the columns of a rollout that each world has, by name; empty for a single world.
     """
 
     @property
@@ -26,20 +26,20 @@ class Actors(Protocol):
     def collect(self, epsilon: Epsilon) -> Rollout:
         """The next rollout, played with about this much random exploration.
 
-        A call says that the last rollout was learned from: policy lag is counted in calls.
+        Policy lag is counted in calls: each means that the last rollout was learned from.
         """
 
     def measures(self) -> dict[str, float]:
-        """What is worth logging of the time since the last call, by name."""
+        """Metrics of the time since the last call, by name."""
 
     def state(self) -> dict[str, Tensor]:
-        """What playing goes on from, for a checkpoint."""
+        """The state from which playing continues, for a checkpoint."""
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
         """Take back what `state` gave."""
 
     def close(self) -> None:
-        """End whatever was started; the actors play no more."""
+        """End whatever was started; the actors cannot be used again."""
 
 
 MakeActors = Callable[[LSDNet, int], Actors]

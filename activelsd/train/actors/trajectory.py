@@ -1,4 +1,4 @@
-"""What an agent played, long enough to learn from, and many of that as a rollout."""
+"""Trajectories of agents, and rollouts made of many of them."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from activelsd.policy.heads import Epsilon
+from activelsd.policy.memories import State
 from activelsd.train.rollout import Rollout
 
 
@@ -19,8 +19,8 @@ from activelsd.train.rollout import Rollout
 class Trajectory:
     """L steps of the R environments of an agent."""
 
-    steps: dict[str, NDArray[Any]]  # each (L, R, ...): what was seen, done and came of it, by name
-    state: Tensor  # (R, width) memory before the first step
+    steps: dict[str, NDArray[Any]]  # each (L, R, ...), by name: observations, actions and their outcome
+    state: State  # of the memory before the first step, each (R, ...)
     bootstrap: NDArray[np.float32]  # (R,) value of the state after the last step
 
 
@@ -31,13 +31,13 @@ def batch(
     epsilon: Epsilon,
     device: torch.device,
 ) -> tuple[Rollout, NDArray[np.int64]]:
-    """Trajectories side by side, and the versions (L, B) of the weights that they were played with.
+    """The rollout of trajectories side by side, and the versions (L, B) of the weights that played them.
 
     Args:
         trajectories: of one length.
         parts: names of the observation's parts.
         answers: the actions that name a class.
-        epsilon: the exploration they were played with, near enough.
+        epsilon: about the exploration with which they were played.
         device: where the rollout goes.
     """
     whole = {
@@ -52,7 +52,10 @@ def batch(
         first=steps["first"],
         mask=steps["mask"],
         labels=steps["label"],
-        state=torch.cat([trajectory.state for trajectory in trajectories]),
+        state={
+            name: torch.cat([trajectory.state[name] for trajectory in trajectories])
+            for name in trajectories[0].state
+        },
         actions=steps["action"],
         epsilon=epsilon,
         rewards=steps["reward"],

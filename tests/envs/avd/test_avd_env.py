@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,18 +17,18 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from activelsd import cli
-from activelsd.build import build_graph
 from activelsd.compose import resolve
-from activelsd.envs.avd.categories import category_of
-from activelsd.envs.avd.env import AVDEnv, avd_graph, by_category, make_vector
+from activelsd.envs.avd.categories import by_category, category_of
 from activelsd.envs.avd.homes import DEFAULT_SCANS
 from activelsd.envs.avd.prepare import prepare
-from activelsd.envs.avd.scan import MOVES
+from activelsd.envs.avd.settings import MOVES, StartsSettings
 from activelsd.envs.avd.splits import split_scans
 from activelsd.envs.avd.starts import BoxScores, read_scores, starts, write_scores
+from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.oracle import shows_well
 from activelsd.envs.start_filters import check_starts, frozen_list
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, load_graph
+from activelsd.envs.world import make, make_vector, world_settings
 from activelsd.errors import ConfigError, DataError
 from tests.envs.avd.homes import INSTANCES, write_homes
 
@@ -52,10 +54,10 @@ def homes_of(graph: ViewGraph, split: str) -> set[str]:
 
 
 def test_it_is_a_whole_environment(root: Path) -> None:
-    env = gymnasium.make("activelsd/AVD-v0", path=root, size=32, subset="test", rules="V4")
+    env = gymnasium.make("activelsd/AVD-v0", dataset={"path": root}, size=32, subset="test")
     check_env(env.unwrapped, skip_render_check=True)
     plain = env.unwrapped
-    assert isinstance(plain, AVDEnv)
+    assert isinstance(plain, ViewGraphEnv)
     assert plain.tree.leaves == (INSTANCES, MOVES)
     observation, info = env.reset(seed=0)
     assert observation["crops"].shape == observation["frames"].shape == (1, 32, 32)
@@ -76,8 +78,8 @@ def test_it_is_a_whole_environment(root: Path) -> None:
 
 def test_many_at_once_are_what_one_is(root: Path) -> None:
     world = {"path": root, "size": 32, "subset": "train", "rules": "V4"}
-    vector = make_vector(3, **world)
-    single = AVDEnv(**world)  # type: ignore[arg-type]
+    vector = make_vector("avd", num_envs=3, **world)  # type: ignore[arg-type]
+    single = make("avd", **world)  # type: ignore[arg-type]
     observation, infos = vector.reset(seed=5)
     alone, info = single.reset(seed=5)
     for name in ("frames", "target", "crops"):
@@ -89,7 +91,7 @@ def test_many_at_once_are_what_one_is(root: Path) -> None:
 
 
 def test_homes_are_split_and_one_validates(prepared: ViewGraph) -> None:
-    graph = starts(prepared, split_scans(list(prepared.scenes)), shown_well=True)
+    graph = starts(prepared, split_scans(list(prepared.scenes)), StartsSettings(shown_well=True))
     assert homes_of(graph, "test") == {"Home_006_1"}
     assert homes_of(graph, "val") == {"Home_005_1"}
     assert homes_of(graph, "train") == {f"Home_00{i}_1" for i in range(1, 5)}
@@ -99,7 +101,9 @@ def test_homes_are_split_and_one_validates(prepared: ViewGraph) -> None:
 
 def test_with_few_homes_a_tenth_of_the_targets_validates(prepared: ViewGraph) -> None:
     train = ["Home_001_1", "Home_002_1", "Home_003_1"]
-    graph = starts(prepared, split_scans(list(prepared.scenes), train=train, test=["Home_006_1"]))
+    graph = starts(
+        prepared, split_scans(list(prepared.scenes), train=train, test=["Home_006_1"]), StartsSettings()
+    )
     assert homes_of(graph, "val") <= homes_of(graph, "train") == set(train)
     targets = {
         split: {graph.targets[t] for t in graph.start_target[graph.start_split == i]}
@@ -116,10 +120,10 @@ def test_starts_are_filtered(prepared: ViewGraph) -> None:
     assert prepared.boxes is not None
     assert prepared.pair_of is not None
     assert prepared.difficulty is not None
-    hard = starts(prepared, split)
-    easy = starts(prepared, split, shown_well=True, max_difficulty=1)
-    small = starts(prepared, split, shown_well=True, max_size=0.4)
-    large = starts(prepared, split, shown_well=True, min_size=0.4)
+    hard = starts(prepared, split, StartsSettings())
+    easy = starts(prepared, split, StartsSettings(shown_well=True, max_difficulty=1))
+    small = starts(prepared, split, StartsSettings(shown_well=True, max_size=0.4))
+    large = starts(prepared, split, StartsSettings(shown_well=True, min_size=0.4))
     for graph, good in (
         (hard, ~shows_well(prepared)),
         (easy, prepared.difficulty == 1),
@@ -128,17 +132,19 @@ def test_starts_are_filtered(prepared: ViewGraph) -> None:
     ):
         pairs = prepared.pair_of[graph.start_view, graph.start_target]
         assert sorted(pairs.tolist()) == np.flatnonzero(good).tolist()
-    everywhere = starts(prepared, split, visible=False, shown_well=True)
+    everywhere = starts(prepared, split, StartsSettings(visible=False, shown_well=True))
     assert len(everywhere.start_view) == 6 * 4 * 4, "every view of the target's own home"
     assert homes_of(everywhere, "test") == {"Home_006_1"}
-    unclear = starts(prepared, split, visible=False)
+    unclear = starts(prepared, split, StartsSettings(visible=False))
     assert len(everywhere.start_view) - len(unclear.start_view) == shows_well(prepared).sum() > 0
-    with pytest.raises(DataError, match=r"No episode can start in the 'train' split; ask less of env.starts"):
-        check_starts(starts(prepared, split, min_size=0.99))
+    with pytest.raises(
+        DataError, match=r"The 'train' split has no episode left; relax the filters in env.starts"
+    ):
+        check_starts(starts(prepared, split, StartsSettings(min_size=0.99)))
 
 
 def test_the_frozen_list_is_drawn_once_and_for_all(prepared: ViewGraph) -> None:
-    whole = starts(prepared, split_scans(list(prepared.scenes)), shown_well=True)
+    whole = starts(prepared, split_scans(list(prepared.scenes)), StartsSettings(shown_well=True))
     one, again = frozen_list(whole, 1), frozen_list(whole, 1)
     assert np.array_equal(one.start_view, again.start_view)
     for i, split in enumerate(SPLITS):
@@ -175,7 +181,8 @@ def test_scores_survive_their_file_and_choose_the_starts(
     read = read_scores(prepared, file)
     np.testing.assert_allclose(read.score, scores.score, rtol=1e-5)
     assert np.array_equal(read.right, scores.right)
-    graph = avd_graph(path=root, size=16, scores=file, threshold=0.5, per_target=None)
+    starts = {"scores": file, "threshold": 0.5, "per_target": None}
+    graph = world_settings("avd", {"path": root, "size": 32, "starts": starts}).open()
     assert graph.pair_of is not None
     pairs = graph.pair_of[graph.start_view, graph.start_target]
     assert len(pairs)
@@ -183,11 +190,11 @@ def test_scores_survive_their_file_and_choose_the_starts(
     lines = file.read_text().splitlines()
     file.write_text("\n".join(lines[:-1]) + "\n")
     with pytest.raises(
-        DataError, match=r"scores.csv has no score of Home_006_1/.* in view .*; write it anew"
+        DataError, match=r"scores.csv has no score for Home_006_1/.* in view .*; write it again"
     ):
         read_scores(prepared, file)
     file.write_text("a,b\n1,2\n")
-    with pytest.raises(DataError, match=r"scores.csv is no table of scene, view, target, score, right"):
+    with pytest.raises(DataError, match=r"scores.csv is not a table of scene, view, target, score, right"):
         read_scores(prepared, file)
     with pytest.raises(DataError, match=r"none.csv cannot be read"):
         read_scores(prepared, tmp_path / "none.csv")
@@ -197,18 +204,18 @@ def test_scores_survive_their_file_and_choose_the_starts(
     ("option", "sentence"),
     [
         ({"navigate": ["foward"]}, "The AVD world has no move 'foward'; did you mean forward"),
-        ({"task": "instances"}, "There is no task 'instances'; did you mean instance"),
+        ({"task": "instances"}, "task=instances: must be 'instance' or 'category'; did you mean instance"),
         ({"test": ["Home_06_1"]}, "There is no scan 'Home_06_1'; did you mean Home_006_1"),
     ],
 )
 def test_what_is_misspelled_names_the_nearest(root: Path, option: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        avd_graph(path=root, size=32, **option)
+        world_settings("avd", {"path": root, "size": 32, **option}).open()
 
 
 def test_settings_reach_the_world(root: Path) -> None:
     words = [f"env.dataset.path={root}", "env.size=32", "env.task=category", "env.navigate=forward,rotate_cw"]
-    graph = build_graph(resolve(["env=avd", *words, "env.starts.per_target=1"]).env)
+    graph = resolve(["env=avd", *words, "env.starts.per_target=1"]).env.open()
     assert graph.classes == ("can", "drink", "medicine")
     assert graph.move_names == ("forward", "rotate_cw")
     assert (graph.start_split == SPLITS.index("test")).sum() == 4
@@ -220,10 +227,6 @@ class Writer(ModuleType):
     def __init__(self) -> None:
         super().__init__("activelsd.envs.avd.writer")
         self.asked: list[tuple[Sequence[str], int, int, int]] = []
-
-    @staticmethod
-    def code_digest() -> str:
-        return "this"
 
     def write_sample(
         self, root: Path, *, scans: Sequence[str], width: int, height: int, seed: int, progress: Any
@@ -254,14 +257,14 @@ def test_the_sample_is_made_once_and_called_what_it_is(
     assert cli.main(["prepare", *words]) == 0
     assert writer.asked == [(DEFAULT_SCANS, 480, 270, 0)]
     (sample,) = (path for path in tmp_path.iterdir() if path.is_dir())
-    assert AVDEnv(cache=tmp_path, size=32).backend == "avd-sample"
-    assert AVDEnv(path=sample, cache=tmp_path, size=32).backend == "avd-sample", "it has the writer's note"
+    for world in ({}, {"path": sample}):  # it has the writer's note
+        assert make("avd", cache=tmp_path, size=32, **world).backend == "avd-sample"
     assert not list(tmp_path.glob("*.partial"))
 
 
 def test_a_published_split_asks_the_writer_for_all_its_scans(writer: Writer, tmp_path: Path) -> None:
     with pytest.raises(DataError, match="Split 2 needs"):  # the stand-in names homes its own way
-        avd_graph(split="2", cache=tmp_path)
+        world_settings("avd", {"split": "2", "cache": tmp_path}).open()
     scans, *_ = writer.asked[0]
     assert len(scans) == 14
     assert {"Home_003_1", "Office_001_1"} <= set(scans)
@@ -272,3 +275,38 @@ def test_sample_and_path_exclude_each_other(root: Path) -> None:
         resolve(["env=avd", "env.dataset=sample", f"env.dataset.path={root}"])
     with pytest.raises(ConfigError, match=r"env.dataset.kind=smple: must be 'sample'"):
         resolve(["env=avd", "env.dataset=smple"])
+
+
+TWICE = """
+import sys, time
+from pathlib import Path
+from types import ModuleType
+from activelsd.envs.avd import datasets
+from activelsd.envs.avd.settings import ScansSettings
+
+def write_sample(root, **_):
+    root.mkdir()
+    print("begun", flush=True)
+    time.sleep(float(sys.argv[2]))
+    (root / "made").touch()
+
+fake = ModuleType("activelsd.envs.avd.writer")
+fake.write_sample = write_sample
+sys.modules[fake.__name__] = fake
+scans = ScansSettings(scans=("Home_001_1", "Home_002_1"))
+print(datasets.sample_scans(scans, Path(sys.argv[1])))
+"""
+
+
+def test_a_second_process_waits_for_the_sample_and_takes_it(tmp_path: Path) -> None:
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", TWICE, str(tmp_path)]
+    options: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": env}
+    with subprocess.Popen([*command, "3"], **options) as first:
+        assert first.stdout is not None
+        assert first.stdout.readline() == "begun\n"
+        second = subprocess.run([*command, "0"], **options, check=True)
+        (sample,) = tmp_path.iterdir()
+        assert first.communicate()[0] == second.stdout == f"{sample}\n", "it was made once"
+    assert second.stderr.startswith(f"Waiting for process {first.pid} (")
+    assert (sample / "made").exists()

@@ -164,7 +164,9 @@ def test_a_scan_of_the_older_release_is_recognised(tmp_path: Path) -> None:
     (old / "rgb").mkdir(parents=True)
     (old / "annotations").mkdir()
     (old / "annotations" / "1_boxes.txt").write_text("1 10 20 30 40\n")
-    with pytest.raises(DataError, match=r"Home_01_1 is a scan of the data set's older release .* not read"):
+    with pytest.raises(
+        DataError, match=r"Home_01_1 is a scan of the data set's older release .* not supported"
+    ):
         read_scan(old, {"a": 1})
     with pytest.raises(DataError, match="older release"):
         scans_in(tmp_path)
@@ -186,15 +188,18 @@ def test_a_million_entries_are_refused_quickly(trapped: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ('{"a.jpg": {"bounding_boxes": [', "is not whole JSON"),
-        ("[" * 100_000, "is not whole JSON"),
-        ("", "is not whole JSON"),
-        ("[1, 2]", "should hold one object with a key per photograph"),
+        ('{"a.jpg": {"bounding_boxes": [', "is not complete JSON"),
+        ("[" * 100_000, "is not complete JSON"),
+        ("", "is not complete JSON"),
+        ("[1, 2]", "must contain one object with a key per photograph"),
         (json.dumps({A: [1]}), f"has no boxes and moves for '{A}'"),
         (json.dumps({A: entry() | {"bounding_boxes": {}}}), f"has no boxes and moves for '{A}'"),
-        (json.dumps({A: entry(forward=3)}), "names a photograph 3, which is no file's name"),  # type: ignore[arg-type]
+        (json.dumps({A: entry(forward=3)}), "names a photograph 3, which is not a file name"),  # type: ignore[arg-type]
         (json.dumps({GONE: entry()}), "describes none of the photographs"),
-        (json.dumps({A: entry([[1, 2, 3, 4, 77, 1]])}), f"has instance 77 in '{A}', which instance_id_map"),
+        (
+            json.dumps({A: entry([[1, 2, 3, 4, 77, 1]])}),
+            f"has instance 77 in '{A}', but instance_id_map",
+        ),
         (json.dumps({A: entry([[1, 2, 3, 4, 1]])}), r"has a box \[1, 2, 3, 4, 1\]"),
         (json.dumps({A: entry([["x", 2, 3, 4, 1, 1]])}), "has a box"),  # type: ignore[list-item]
         (json.dumps({A: entry([[float("nan"), 2, 3, 4, 1, 1]])}), "has a box"),  # type: ignore[list-item]
@@ -220,7 +225,7 @@ def test_missing_files_are_named(trapped: Path, missing: str) -> None:
 def test_missing_photographs_are_told(trapped: Path) -> None:
     for file in (trapped / "jpg_rgb").glob("*.jpg"):
         file.unlink()
-    with pytest.raises(DataError, match="jpg_rgb holds no photograph; unpack"):
+    with pytest.raises(DataError, match="jpg_rgb contains no photograph; unpack"):
         read(trapped)
     (trapped / "jpg_rgb" / "Thumbs.db").unlink()
     (trapped / "jpg_rgb").rmdir()
@@ -232,7 +237,7 @@ def test_missing_photographs_are_told(trapped: Path) -> None:
 def test_a_table_of_poses_cut_short_or_foreign_is_one_sentence(trapped: Path, cut: int) -> None:
     file = trapped / "image_structs.mat"
     file.write_bytes(file.read_bytes()[:cut])
-    with pytest.raises(DataError, match=r"image_structs.mat (is not a whole table of poses|cannot be read)"):
+    with pytest.raises(DataError, match=r"image_structs.mat (is not a table of poses|cannot be read)"):
         read(trapped)
 
 
@@ -245,7 +250,7 @@ def test_a_table_of_poses_without_its_parts_is_one_sentence(trapped: Path) -> No
         {"image_structs": 3.0, "scale": 1.0},
     ):
         savemat(trapped / "image_structs.mat", content)
-        with pytest.raises(DataError, match=r"image_structs.mat is not a whole table of poses"):
+        with pytest.raises(DataError, match=r"image_structs.mat is not a table of poses"):
             read(trapped)
 
 

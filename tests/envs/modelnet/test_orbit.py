@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from activelsd import registry
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
-from activelsd.envs.modelnet.orbit import AZIMUTHS, ORBIT_MOVES, OrbitMove, ring_table, with_moves
+from activelsd.envs.modelnet.orbit import AZIMUTHS, OrbitMove, ring_table, with_moves
 from activelsd.errors import ConfigError, DataError
 from tests.graphs import ring_graph
 
@@ -33,7 +34,7 @@ def camera(azimuth: float, level: int) -> tuple[float, float, int]:
 
 @pytest.mark.parametrize("elevations", [2, 3, 5])
 def test_moves_lead_to_the_camera_that_stands_there(elevations: int) -> None:
-    assert set(MEANT) == set(ORBIT_MOVES)
+    assert list(MEANT) == registry.orbit_moves.own()
     cameras = [camera(30 * a, level) for level in range(elevations) for a in range(AZIMUTHS)]
     table = ring_table(list(MEANT), elevations)
     assert (table.shape, table.dtype) == ((len(cameras), len(MEANT)), np.int32)
@@ -96,7 +97,7 @@ def test_other_moves_replace_those_there_were() -> None:
 
 
 def test_a_move_of_ones_own_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(ORBIT_MOVES, "climb_right", OrbitMove(around=60, up=1))
+    monkeypatch.setitem(registry.orbit_moves._added, "climb_right", OrbitMove(around=60, up=1))
     graph = ring_graph(objects=3, classes=1, elevations=2, moves=("orbit_cw", "climb_right"))
     env = ViewGraphEnv(graph, PRESETS["V4"])
     env.reset(options={"episode": "train:object_0:object_0:0_330"})
@@ -108,7 +109,7 @@ def test_a_move_of_ones_own_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.mark.parametrize(
     ("names", "elevations", "sentence"),
     [
-        (["orbit_cww"], 1, "The ModelNet world has no move 'orbit_cww'; did you mean orbit_cw?"),
+        (["orbit_cww"], 1, "There is no orbit move 'orbit_cww'; did you mean orbit_cw?"),
         (
             ["orbit_cw", "orbit_up"],
             1,
@@ -125,16 +126,16 @@ def test_errors_are_one_sentence(names: list[str], elevations: int, sentence: st
 def test_a_name_like_none_gets_the_list_and_a_crooked_move_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with pytest.raises(ConfigError, match=r"no move 'zzz'; there are orbit_cw, orbit_ccw, "):
+    with pytest.raises(ConfigError, match=r"no orbit move 'zzz'; there are orbit_cw, orbit_ccw, "):
         ring_table(["zzz"], 1)
-    monkeypatch.setitem(ORBIT_MOVES, "crooked", OrbitMove(around=45))
+    monkeypatch.setitem(registry.orbit_moves._added, "crooked", OrbitMove(around=45))
     with pytest.raises(ConfigError, match="45 degrees around; cameras stand every 30"):
         ring_table(["crooked"], 1)
 
 
 def test_moves_named_twice_or_not_at_all_are_refused() -> None:
     graph = ring_graph(objects=3, classes=1)
-    with pytest.raises(ConfigError, match="names 'orbit_cw' twice"):
+    with pytest.raises(ConfigError, match="'orbit_cw' is named twice"):
         tree_of(with_moves(graph, ["orbit_cw", "orbit_cw"]))
     with pytest.raises(DataError, match="no move"):
         tree_of(replace(with_moves(graph, [])))

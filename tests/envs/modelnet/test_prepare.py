@@ -13,19 +13,18 @@ import cv2
 import numpy as np
 import pytest
 
-from activelsd.envs import cache
-from activelsd.envs.cache import PartialGraph, alone
-from activelsd.envs.modelnet import workers
-from activelsd.envs.modelnet.datasets import open_dataset
-from activelsd.envs.modelnet.prepare import prepare
+from activelsd.envs import cache, digest, workers
+from activelsd.envs.cache import PartialGraph
+from activelsd.envs.modelnet.prepare import open_views, prepare
 from activelsd.envs.viewgraph import SPLITS, load_graph, read_key
-from activelsd.errors import ActiveLSDError, ConfigError, DataError
+from activelsd.errors import ActiveLSDError, DataError
+from tests.graphs import opened
 
 SIZE = 32
 
 
 def shapes(train=3, test=2, classes=("cup", "vase")):
-    return open_dataset(None, train_per_class=train, test_per_class=test, classes=classes)
+    return opened(None, train_per_class=train, test_per_class=test, classes=classes)
 
 
 def prepared(dataset, cache, **options):
@@ -38,7 +37,7 @@ def names(folder):
 
 def test_the_graph_is_a_ring_of_views_per_object(tmp_path):
     dataset = shapes()
-    graph = load_graph(prepared(dataset, tmp_path, elevations=[30, 0.5]))
+    graph = open_views(prepared(dataset, tmp_path, elevations=[30, 0.5]), dataset)
     objects = len(dataset.items)
     assert graph.frames.shape == (objects * 24, SIZE, SIZE)
     assert isinstance(graph.frames, np.memmap)
@@ -95,6 +94,7 @@ from pathlib import Path
 from activelsd.envs import cache
 from activelsd.envs.modelnet.datasets import open_dataset
 from activelsd.envs.modelnet.prepare import prepare
+from activelsd.envs.modelnet.settings import DatasetSettings
 
 cache._FLUSH_SECONDS = float(sys.argv[2])
 
@@ -103,7 +103,7 @@ def progress(done, total):
     time.sleep(0.02)
 
 prepare(
-    open_dataset(None, train_per_class=30, test_per_class=2, classes=["cup", "vase"]),
+    open_dataset(DatasetSettings(train_per_class=30, test_per_class=2, classes=("cup", "vase"))),
     size=32, elevations=[30.0], cache=Path(sys.argv[1]), workers=2, progress=progress,
 )
 """
@@ -174,20 +174,20 @@ def test_a_broken_mesh_ends_it_by_name_and_leaves_nothing(tmp_path, at):
     broken.write_text("OFF4 2 0\n0 0 0\n1 0")
     for n in (1, 2):
         with pytest.raises(DataError, match=rf"{broken.name} ends after 1 of 4 vertices"):
-            prepared(open_dataset(root), tmp_path / "cache", workers=n)
+            prepared(opened(root), tmp_path / "cache", workers=n)
         assert not (tmp_path / "cache").exists()
 
 
 def test_a_process_that_dies_is_told_and_what_is_done_is_kept(tmp_path, monkeypatch):
     started, start = [], workers.start
-    monkeypatch.setattr(workers, "start", lambda module: started.append(start(module)) or started[-1])
+    monkeypatch.setattr(workers, "start", lambda *a, **k: started.append(start(*a, **k)) or started[-1])
 
     def kill(done, total):
         if done == 5:
             started[0].kill()
 
     dataset = shapes(train=20)
-    with pytest.raises(ActiveLSDError, match=r"The process that rendered .* ended by itself \(code -9\)"):
+    with pytest.raises(ActiveLSDError, match=r"The process that prepared .* ended by itself \(code -9\)"):
         prepared(dataset, tmp_path, workers=2, progress=kill)
     assert all(process.returncode is not None for process in started)
     seen = []
@@ -196,15 +196,40 @@ def test_a_process_that_dies_is_told_and_what_is_done_is_kept(tmp_path, monkeypa
     assert path.read_bytes() == prepared(dataset, tmp_path / "b").read_bytes()
 
 
-def test_a_second_process_at_the_same_cache_is_refused(tmp_path):
-    path = prepared(shapes(), tmp_path / "a")
-    (tmp_path / "b").mkdir()
-    with alone(tmp_path / "b" / path.name):
-        with pytest.raises(DataError, match=r"Another process is preparing .*; wait until it is done\."):
-            prepared(shapes(), tmp_path / "b")
-        prepared(shapes(train=2), tmp_path / "b")
-    assert prepared(shapes(), tmp_path / "b").read_bytes() == path.read_bytes()
-    assert not list(tmp_path.rglob("*.lock"))
+def test_a_second_process_at_the_same_cache_waits(script, tmp_path):
+    """Two at once: one renders, the other says whom it waits for; both end well."""
+    cache = tmp_path / "cache"
+    with script(cache, 0) as first:
+        assert first.stdout.readline() == "0\n"
+        with script(cache, 0) as second:
+            said, warning = second.communicate(timeout=60)
+        assert first.wait(timeout=60) == second.returncode == 0
+    assert said == ""
+    (line,) = warning.splitlines()
+    assert line.startswith(f"Waiting for process {first.pid} (")
+    assert "script.py" in line
+    assert line.endswith(f"which is preparing {next(cache.iterdir())}.")
+    assert len(names(cache)) == 1
+
+
+def test_who_waits_goes_on_for_one_that_was_killed(script, tmp_path):
+    cache = tmp_path / "cache"
+    with script(cache, 0) as first, script(tmp_path / "other", 0) as other:
+        for line in first.stdout:
+            if int(line) == 9:
+                break
+        with script(cache, 0) as second:
+            warning = second.stderr.readline()
+            first.kill()
+            counts, rest = second.communicate(timeout=60)
+        assert second.returncode == 0, rest
+        assert f"process {first.pid} " in warning
+        other.communicate(timeout=60)
+    counts = [int(count) for count in counts.split()]
+    assert counts[0] >= 8
+    assert counts == list(range(counts[0], 65))
+    (file,) = cache.iterdir()
+    assert file.read_bytes() == next((tmp_path / "other").iterdir()).read_bytes()
 
 
 def test_views_rendered_by_others(tmp_path):
@@ -213,21 +238,12 @@ def test_views_rendered_by_others(tmp_path):
         for i in range(12):
             picture = np.full((48, 48), 20 * i, np.uint8)
             cv2.imwrite(str(tmp_path / f"net/cup/{folder}/cup_{folder}_{i + 1:03d}.png"), picture)
-    dataset = open_dataset(tmp_path / "net")
+    dataset = opened(tmp_path / "net")
     graph = load_graph(prepared(dataset, tmp_path / "cache", workers=2))
     assert graph.frames[:12].mean((1, 2)).tolist() == [20 * i for i in range(12)]
     assert graph.view_names[11] == "e30_a330"
     with pytest.raises(DataError, match=r"pictures of a single ring of views, so elevations \[0, 30\]"):
         prepared(dataset, tmp_path / "cache", elevations=[0, 30])
-
-
-@pytest.mark.parametrize(
-    "options", [{"size": 0}, {"elevations": []}, {"elevations": [5, 5]}, {"elevations": [91]}]
-)
-def test_settings_that_cannot_be(options, tmp_path):
-    with pytest.raises(ConfigError, match="cannot be"):
-        prepared(shapes(), tmp_path / "cache", **options)
-    assert not (tmp_path / "cache").exists()
 
 
 def test_a_cache_that_cannot_be_written(tmp_path):
@@ -261,16 +277,83 @@ def test_a_disk_that_fills_up_keeps_what_is_done(tmp_path, monkeypatch):
 def test_a_change_of_code_or_data_is_another_file(tmp_path, monkeypatch):
     dataset = shapes(train=2, test=1)
     path = prepared(dataset, tmp_path)
-    assert read_key(path)["dataset"] == dict(dataset.key)
-    monkeypatch.setattr(type(dataset.source), "code", ("renderer.py",))
-    assert prepared(dataset, tmp_path) != path
+    assert read_key(path)["dataset"] == dict(dataset.origin)
+    changed = [replace(item, stamp="other") for item in dataset.items]
+    assert prepared(replace(dataset, items=tuple(changed)), tmp_path) != path
+    monkeypatch.setattr("activelsd.envs.modelnet.prepare.code_digest", lambda *_: "other")
+    counts = []
+    assert prepared(dataset, tmp_path, progress=lambda done, _: counts.append(done)) != path
+    assert counts[0] == 0, "what other code made is not taken"
     monkeypatch.undo()
-    assert prepared(replace(dataset, key={**dataset.key, "digest": "other"}), tmp_path) != path
     assert prepared(dataset, tmp_path) == path
 
 
+def meshes(root, *names):
+    for name in names:
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"OFF4 2 0\n0 0 0\n1 0 {len(name)}\n0 1 0.{ord(name[-5])}\n0 0 1\n3 0 1 2\n3 0 1 3\n")
+    return root
+
+
+def test_what_is_rendered_is_used_whatever_is_chosen(tmp_path):
+    """Only new and changed objects are rendered; the frames are those of a fresh cache."""
+    folders = [f"{category}/{folder}" for category in ("bowl", "cup", "vase") for folder in ("train", "test")]
+    root = meshes(tmp_path / "net", *(f"{folder}/{i}.off" for folder in folders for i in range(4)))
+    rendered = {}
+
+    def step(name, **options):
+        dataset, counts = opened(root, **options), []
+        path = prepared(dataset, tmp_path / "cache", progress=lambda done, _: counts.append(done))
+        rendered[name] = max(0, len(counts) - 1)
+        fresh = prepared(dataset, tmp_path / name)
+        assert path.read_bytes() == fresh.read_bytes()
+        graph = open_views(path, dataset)
+        assert graph.targets == tuple(item.name for item in dataset.items)
+        assert [graph.classes[label] for label in graph.labels] == [item.category for item in dataset.items]
+        assert [SPLITS[s] for s in graph.start_split[::12]] == [item.split for item in dataset.items]
+
+    step("all")
+    step("again")
+    step("mvcnn", split="mvcnn")
+    step("lsdnet", split="lsdnet")
+    step("two", classes=["bowl", "vase"])
+    meshes(root, "cup/test/9.off")
+    step("more")
+    (root / "bowl/train/0.off").write_text("OFF3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    step("changed")
+    (root / "cup/test/1.off").unlink()
+    step("less")
+    assert rendered == {
+        "all": 24, "again": 0, "mvcnn": 0, "lsdnet": 0, "two": 0, "more": 1, "changed": 1, "less": 0
+    }  # fmt: skip
+
+
+def test_more_shapes_and_other_classes_render_what_is_new(tmp_path):
+    prepared(shapes(train=3), tmp_path)
+    counts = []
+    prepared(shapes(train=4, classes=("cup",)), tmp_path, progress=lambda *step: counts.append(step))
+    assert counts == [(5, 6), (6, 6)]
+    counts.clear()
+    prepared(shapes(train=4, classes=("cup",)), tmp_path, size=16, progress=lambda *step: counts.append(step))
+    assert counts[0] == (0, 6)
+
+
 def test_processes_start_light():
-    code = "import sys, activelsd.envs.modelnet.workers as w; print(*sys.modules)"
+    code = "import sys, activelsd.envs.workers, activelsd.envs.modelnet.sources; print(*sys.modules)"
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=True)
-    assert not {"torch", "cv2", "trimesh", "matplotlib"} & set(loaded.stdout.split())
+    assert not {"torch", "cv2", "h5py", "trimesh", "matplotlib"} & set(loaded.stdout.split())
+
+
+def test_a_change_of_a_source_is_seen(tmp_path, monkeypatch):
+    """The module that chooses the azimuths is among those that a cache depends on."""
+    path, source = prepared(shapes(), tmp_path), digest._source
+    changed = tmp_path / "sources.py"
+    changed.write_text(source("activelsd.envs.modelnet.sources").read_text().replace("360, 30", "360, 15"))
+    monkeypatch.setattr(
+        digest, "_source", lambda name: changed if name == "activelsd.envs.modelnet.sources" else source(name)
+    )
+    digest.code_digest.cache_clear()
+    assert prepared(shapes(), tmp_path) != path
+    digest.code_digest.cache_clear()

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from activelsd.build import WORLDS, build_graph
 from activelsd.compose import resolve
-from activelsd.envs.thor.env import THOREnv, thor_graph
+from activelsd.envs.thor.env import LiveTHOREnv
 from activelsd.envs.thor.lattice import Lattice
 from activelsd.envs.thor.room import WalkableRoom
+from activelsd.envs.viewgraph import ViewGraph
+from activelsd.envs.world import world_settings
 from activelsd.launch import begin
 from tests.envs.thor.clients import Belongings, controller, player
 
@@ -50,11 +52,24 @@ def words(cache: Path, *arguments: object) -> dict[str, Any]:
     }
 
 
+def test_two_simulators_record_what_one_does_and_leave_nothing(cache: Path, tmp_path: Path) -> None:
+    log = tmp_path / "actions.jsonl"
+    side_by_side = {"x_displays": (":0", ":1"), "simulators": 2, "cache": str(tmp_path / "two")}
+    two, one = recorded(words(cache, "--log", log) | side_by_side), recorded(words(cache))
+    assert two.scenes == one.scenes
+    for name in ("frames", "moves", "boxes", "crops", "start_view"):
+        np.testing.assert_array_equal(getattr(two, name), getattr(one, name))
+    for command in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):  # ended meanwhile
+            assert str(log).encode() not in command.read_bytes()
+
+
 def test_300_random_actions_stay_on_the_lattice_and_boxes_are_those_of_masks(
     cache: Path, tmp_path: Path
 ) -> None:
     log = tmp_path / "actions.jsonl"
-    env = THOREnv(**words(cache, "--log", log))
+    env = world_settings("thor", words(cache, "--log", log) | {"live": True}).env()
+    assert isinstance(env, LiveTHOREnv)
     rng, took = np.random.default_rng(0), 0
     log.unlink()  # of the recording
     _, told = env.reset(seed=0)
@@ -88,8 +103,12 @@ def test_300_random_actions_stay_on_the_lattice_and_boxes_are_those_of_masks(
     assert world <= actions <= world | start
 
 
+def recorded(world: dict[str, Any]) -> ViewGraph:
+    return world_settings("thor", world).open()
+
+
 def test_what_counts_is_the_mask_and_not_what_is_called_visible(cache: Path) -> None:
-    graph = thor_graph(**words(cache))
+    graph = recorded(words(cache))
     asked = {graph.targets[target].partition("/")[2].partition("|")[0] for target in graph.start_target}
     assert "Book" in asked
     assert "Candle" not in asked
@@ -97,7 +116,7 @@ def test_what_counts_is_the_mask_and_not_what_is_called_visible(cache: Path) -> 
 
 @pytest.mark.parametrize("channels", [3, 4])
 def test_pictures_of_three_and_four_channels_give_the_same_recording(cache: Path, channels: int) -> None:
-    one, other = thor_graph(**words(cache)), thor_graph(**words(cache, "--channels", channels))
+    one, other = recorded(words(cache)), recorded(words(cache, "--channels", channels))
     np.testing.assert_array_equal(one.frames, other.frames)
     np.testing.assert_array_equal(one.boxes, other.boxes)
 
@@ -134,8 +153,8 @@ def test_training_goes_on_over_a_player_that_crashes_every_200_steps(
     flat += ["env.starts.min_pixels=0", "env.starts.per_target=5", f"runs={tmp_path / 'runs'}"]
     flat += ["train.actors=ga3c", "train.ga3c.agents=6", "train.ga3c.training_batch=4", "train.loggers=[]"]
     config = resolve(["env=thor", *flat, "train.steps=5000", "train.log_every=500", "threads=1"])
-    build_graph(config.env)  # nothing crashes while the scenes are recorded
-    assert WORLDS["thor"].backend(config.env) == "ai2thor"
+    config.env.open()  # nothing crashes while the scenes are recorded
+    assert config.env.made_by() == "ai2thor"
 
     before = Belongings.now()
     # Of an action: answers need none, so it is about one in 200 steps.

@@ -14,7 +14,7 @@ from activelsd.envs.thor import installation
 from activelsd.envs.thor.client import GuardedController
 from activelsd.errors import ConfigError, DataError, UserError
 
-INSTEAD = "env.backend=standin runs without."
+INSTEAD = "env.backend=standin works without AI2-THOR."
 
 
 def refusal(thor: GuardedController, kind: type[UserError] = ConfigError) -> str:
@@ -69,7 +69,7 @@ def test_without_anything_to_draw_on(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "apt install libvulkan1" in refusal(GuardedController())
     assert "DISPLAY is not set" in refusal(GuardedController(platform="Linux64"))
     assert "DISPLAY is not set" in refusal(GuardedController(executable=player()))
-    assert report()["AI2-THOR draws on"].startswith("no DISPLAY")
+    assert report()["AI2-THOR display"].startswith("no DISPLAY")
 
 
 @pytest.mark.thor
@@ -86,7 +86,9 @@ def refusal_of_platform(name: str) -> str:
 @pytest.mark.thor
 def test_with_a_card_that_cannot_be_looked_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    assert "gpu_device=1 by vulkaninfo and nvidia-smi" in refusal(GuardedController(gpu_device=1))
+    assert "needs vulkaninfo and nvidia-smi to look up gpu_device=1" in refusal(
+        GuardedController(gpu_device=1)
+    )
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0,1")
     assert "CUDA_VISIBLE_DEVICES=0,1" in refusal(GuardedController())
 
@@ -101,9 +103,7 @@ def test_with_a_home_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch, tmp
 @pytest.mark.thor
 @pytest.mark.parametrize("executable", ["/nowhere/thor", "thor --no 'end", ""])
 def test_with_an_executable_that_is_not_there(executable: str) -> None:
-    assert "is not there or may not be run" in refusal(
-        GuardedController(executable=executable, x_display=":0")
-    )
+    assert "is missing or not executable" in refusal(GuardedController(executable=executable, x_display=":0"))
 
 
 @pytest.mark.thor

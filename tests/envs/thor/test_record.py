@@ -13,9 +13,9 @@ from activelsd.envs.oracle import shows_well
 from activelsd.envs.thor import recordings as module
 from activelsd.envs.thor.lattice import HEADINGS, MOVES, Pose
 from activelsd.envs.thor.record import EASY, HARD, MODERATE, ViewMaker, difficulties, record
-from activelsd.envs.thor.recordings import RecordingSettings, recordings
+from activelsd.envs.thor.recordings import recordings
 from activelsd.envs.thor.room import Target, WalkableRoom, sight, unhindered
-from activelsd.envs.thor.simulators import STANDIN, SimulatorSettings
+from activelsd.envs.thor.settings import THORSettings
 from activelsd.envs.viewgraph import ViewGraph, join, load_graph
 from activelsd.errors import DataError
 from tests.envs.thor.simulator import CELLS, OBJECTS, SIZE, FakeSimulator
@@ -138,31 +138,25 @@ def test_a_target_behind_is_as_large_as_it_can_be() -> None:
     assert unhindered(event, behind, pose, 90.0) > SIZE**2 / 100
 
 
-SETTINGS = RecordingSettings(SimulatorSettings(STANDIN, step=0.25), HORIZONS, CLASSES, 16)
+def world(cache: Path) -> THORSettings:
+    return THORSettings(
+        backend="standin", step=0.25, horizons=HORIZONS, classes=CLASSES, size=32, simulators=1, cache=cache
+    )
 
 
 def test_recordings_are_made_once_and_gone_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     simulators: list[FakeSimulator] = []
 
-    def start(settings: SimulatorSettings) -> FakeSimulator:
+    def start(settings: THORSettings) -> FakeSimulator:
         simulators.append(FakeSimulator(lost=frozenset({4, 150})))
         return simulators[-1]
 
     monkeypatch.setattr(module, "start", start)
     seen: list[tuple[int, int]] = []
-    one = recordings(
-        SETTINGS, ["FloorPlan1"], cache=tmp_path, simulators=1, progress=lambda *a: seen.append(a)
-    )
-    both = recordings(
-        SETTINGS,
-        ["FloorPlan1", "FloorPlan2"],
-        cache=tmp_path,
-        simulators=1,
-        progress=lambda *a: seen.append(a),
-    )
-    again = recordings(
-        SETTINGS, ["FloorPlan1", "FloorPlan2"], cache=tmp_path, progress=lambda *a: seen.append(a)
-    )
+    own, report = world(tmp_path), lambda *a: seen.append(a)
+    one = recordings(own, ["FloorPlan1"], report)
+    both = recordings(own, ["FloorPlan1", "FloorPlan2"], report)
+    again = recordings(own.model_copy(update={"simulators": None}), ["FloorPlan1", "FloorPlan2"], report)
     assert both == again
     assert both[0] == one[0]
     # A simulator that is lost begins anew; one that is not needed is not started.

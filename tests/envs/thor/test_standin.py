@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from activelsd.envs.thor.scenes import CLASSES
+from activelsd.envs.thor.settings import THORSettings
 from activelsd.envs.thor.standin import StandIn
 from activelsd.errors import ConfigError
 from activelsd.scenery.rooms.room_renderer import RoomRenderer
@@ -55,7 +55,7 @@ def in_sight(client):
         for place in positions(client):
             heading, distance = towards(place, thing)
             down = math.degrees(math.atan2(1.576 - thing["position"]["y"], distance))
-            if thing["objectType"] in CLASSES and 1.0 < distance < 3.0 and down < 60:
+            if thing["objectType"] in THORSettings().classes and 1.0 < distance < 3.0 and down < 60:
                 event = go(client, place, heading, down)
                 x1, _, x2, _ = event.instance_detections2D.get(thing["objectId"], (0, 0, 0, 0))
                 if event.instance_masks.get(thing["objectId"], np.zeros(1)).sum() > 12 and 40 < x1 < x2 < 56:

@@ -11,12 +11,31 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from activelsd.envs.base import ActiveVisionEnv
 from activelsd.envs.thor import recordings
-from activelsd.envs.thor.env import THOREnv, make_vector, thor_graph
-from activelsd.envs.thor.lattice import MOVES
-from activelsd.envs.viewgraph import SPLITS
+from activelsd.envs.thor.env import LiveTHOREnv
+from activelsd.envs.thor.prepare import recorded_rooms
+from activelsd.envs.thor.settings import MOVES, THORSettings
+from activelsd.envs.viewgraph import SPLITS, ViewGraph
+from activelsd.envs.world import world_settings
 from activelsd.errors import ConfigError
 from tests.envs.thor.simulator import FakeSimulator
+
+
+def settings(world: dict[str, Any], **more: Any) -> THORSettings:
+    found = world_settings("thor", {**world, **more})
+    assert isinstance(found, THORSettings)
+    return found
+
+
+def graph_of(world: dict[str, Any], **more: Any) -> ViewGraph:
+    return settings(world, **more).open()
+
+
+def live_env(world: dict[str, Any], frames: int = 1, **more: Any) -> LiveTHOREnv:
+    env = settings(world, live=True, **more).env(frames=frames)
+    assert isinstance(env, LiveTHOREnv)
+    return env
 
 
 @pytest.fixture
@@ -48,23 +67,24 @@ def world(cache: Path, simulators: list[FakeSimulator]) -> dict[str, Any]:
         "val": 1,
         "test": 1,
         "classes": ("Apple", "Bowl", "Box"),
-        "size": 16,
+        "size": 32,
         "step": 0.25,
         "min_pixels": 0.0,
         "per_target": 5,
         "simulators": 1,
         "cache": str(cache),
     }
-    thor_graph(**found)
+    graph_of(found)
     simulators.clear()
     return found
 
 
 def test_live_and_recorded_episodes_are_the_same_to_the_byte(world: dict[str, Any]) -> None:
-    live, recorded = (THOREnv(**world, live=live, frames=2) for live in (True, False))
+    live: ActiveVisionEnv = live_env(world, frames=2)
+    recorded = settings(world).env(frames=2)
     rng = np.random.default_rng(0)
     one, told = live.reset(seed=3)
-    other, _ = recorded.reset(seed=3)
+    other, _ = recorded.reset(options={"episode": told["episode_id"]})
     for _ in range(300):
         for name in one:
             np.testing.assert_array_equal(one[name], other[name])
@@ -76,14 +96,14 @@ def test_live_and_recorded_episodes_are_the_same_to_the_byte(world: dict[str, An
         assert told.items() <= again.items()
         if results[1] or results[2]:
             one, told = live.reset()
-            other, _ = recorded.reset()
+            other, _ = recorded.reset(options={"episode": told["episode_id"]})
         else:
             told["action_mask"] = again["action_mask"]
     live.close()
 
 
 def test_so_many_episodes_in_a_row_are_of_one_scene(world: dict[str, Any]) -> None:
-    env = THOREnv(**world | {"train": 2, "rooms": ("kitchen", "bedroom")}, live=False, episodes_per_scene=4)
+    env = live_env(world, train=2, rooms=("kitchen", "bedroom"), episodes_per_scene=4)
     env.reset(seed=1)
     names = [env.reset()[1]["scene"] for _ in range(399)]
     scenes = np.array([env.reset(seed=1)[1]["scene"], *names]).reshape(100, 4)
@@ -91,12 +111,13 @@ def test_so_many_episodes_in_a_row_are_of_one_scene(world: dict[str, Any]) -> No
     counts = [np.count_nonzero(scenes[:, 0] == name) for name in np.unique(scenes)]
     assert len(counts) == 4
     assert min(counts) > 10
+    env.close()
 
 
 def test_answers_and_blocked_moves_need_no_simulator(
     world: dict[str, Any], simulators: list[FakeSimulator]
 ) -> None:
-    env = THOREnv(**world)
+    env = live_env(world)
     env.reset(seed=0)
     (simulator,) = simulators
     before = len(simulator.calls)
@@ -118,7 +139,7 @@ def test_answers_and_blocked_moves_need_no_simulator(
 def test_a_place_where_the_agent_does_not_land_any_more_is_blocked(
     world: dict[str, Any], simulators: list[FakeSimulator]
 ) -> None:
-    env = THOREnv(**world)
+    env = live_env(world)
     _, told = env.reset(seed=0)
     (simulator,) = simulators
     move = next(
@@ -142,7 +163,7 @@ def test_a_place_where_the_agent_does_not_land_any_more_is_blocked(
 def test_a_lost_simulator_truncates_the_episode_and_the_next_begins(
     world: dict[str, Any], simulators: list[FakeSimulator]
 ) -> None:
-    env = THOREnv(**world)
+    env = live_env(world)
     env.reset(seed=0)
     (simulator,) = simulators
     simulator.lost = frozenset({len(simulator.calls) + 1})
@@ -161,19 +182,20 @@ def test_a_lost_simulator_truncates_the_episode_and_the_next_begins(
 
 
 def test_it_is_an_environment_of_gymnasium(world: dict[str, Any], simulators: list[FakeSimulator]) -> None:
-    env = gymnasium.make("activelsd/THOR-v0", **world, render_mode="rgb_array", disable_env_checker=True)
+    env = gymnasium.make(
+        "activelsd/THOR-v0", **world, live=True, render_mode="rgb_array", disable_env_checker=True
+    )
     check_env(env.unwrapped, skip_close_check=True)
     env.close()
     before = len(simulators)  # who plays recordings starts none
     vector = gymnasium.make_vec("activelsd/THOR-v0", num_envs=3, **world)
     seen, _ = vector.reset(seed=0)
-    assert seen["frames"].shape == (3, 1, 16, 16)
-    assert make_vector(2, **world).num_envs == 2
+    assert seen["frames"].shape == (3, 1, 32, 32)
     assert len(simulators) == before
 
 
 def test_scenes_of_the_splits_never_meet_and_starts_show_their_target(world: dict[str, Any]) -> None:
-    graph = thor_graph(**world)
+    graph = graph_of(world)
     scenes = [
         {graph.scenes[graph.scene_of[view]] for view in graph.start_view[graph.start_split == i]}
         for i in range(len(SPLITS))
@@ -186,7 +208,7 @@ def test_scenes_of_the_splits_never_meet_and_starts_show_their_target(world: dic
 
 
 def test_a_table_has_all_but_the_pictures(world: dict[str, Any]) -> None:
-    graph, table = thor_graph(**world), thor_graph(**world, pictures=False)
+    graph, table = graph_of(world), recorded_rooms(settings(world), pictures=False)
     assert table.frames.shape == graph.frames.shape
     assert not table.frames.any()
     assert table.frames.base is not None  # a single zero
@@ -204,4 +226,4 @@ def test_a_table_has_all_but_the_pictures(world: dict[str, Any]) -> None:
 )
 def test_what_is_unknown_is_said(world: dict[str, Any], change: dict[str, Any], match: str) -> None:
     with pytest.raises(ConfigError, match=match):
-        thor_graph(**world | change)
+        graph_of(world, **change)

@@ -79,5 +79,5 @@ def test_all_points_are_connected_along_the_axes(lattice):
 
 
 def test_an_agent_too_wide_is_refused(room):
-    with pytest.raises(DataError, match="can stand nowhere"):
+    with pytest.raises(DataError, match="has no free place"):
         draw_floor_grid(room, step=STEP, radius=2.5)

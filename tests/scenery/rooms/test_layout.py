@@ -12,7 +12,7 @@ from activelsd.scenery.rooms.layout import FLOOR, furnish, set_down, set_out
 from activelsd.scenery.rooms.library import Embedded
 from activelsd.scenery.rooms.models import Model
 from activelsd.scenery.rooms.smallthings import KINDS, small_thing
-from activelsd.scenery.rooms.supports import Supports, boxed
+from activelsd.scenery.rooms.supports import Supports, triangles_in_box
 from activelsd.scenery.rooms.textures import Material
 from activelsd.scenery.shapes.solids import box, join, shift, turn
 
@@ -108,7 +108,7 @@ def test_small_things_are_in_nothing(room):
     for i, thing in enumerate(small):
         rect = thing.footprint
         for piece in room.things[: room.furniture]:
-            assert not boxed(placed_mesh(piece), rect, thing.z + 0.004, thing.top).any()
+            assert not triangles_in_box(placed_mesh(piece), rect, thing.z + 0.004, thing.top).any()
         for other in small[:i]:
             assert not (overlap(rect, other.footprint) and thing.z < other.top and other.z < thing.top)
 
@@ -185,7 +185,7 @@ def test_boxed_agrees_with_points_of_the_triangles():
     rng = np.random.default_rng(0)
     corners = rng.uniform(-1, 1, (400, 3, 3))
     rect, low, high = Rect(0.1, -0.1, 0.4, 0.3, 25.0), -0.3, 0.4
-    found = boxed(corners, rect, low, high)
+    found = triangles_in_box(corners, rect, low, high)
     weights = rng.dirichlet((0.7, 0.7, 0.7), size=4000)
     points = np.einsum("pc,mcd->mpd", weights, corners)
     plan = np.abs(rect.local(points[..., :2])) < (rect.half_x, rect.half_y)

@@ -21,12 +21,13 @@ REASON = "needs Ray: pip install 'activelsd[ray]'"
 
 def network_for(worlds: Sequence[OpenWorld]) -> LSDNet:
     tree = union([tree_of(world.graph) for world in worlds])
-    return new_network(tree, NetworkShape(size=GRAPH.size, features=16), 1)
+    return new_network(tree, NetworkShape(size=GRAPH.size, trunk_settings={"features": 16}), 1)
 
 
 def settings_of(dropout: float = 0.0, **ray: Any) -> TrainSettings:
     chosen = {"workers": 2, "envs_per_worker": 3, **ray}
-    return TrainSettings(actors="ray", length=4, dropout=dropout, guided=0.5, ray=RaySettings(**chosen))
+    terms = {"supervised": 1.0, "guided": 0.5}
+    return TrainSettings(actors="ray", length=4, dropout=dropout, terms=terms, ray=RaySettings(**chosen))
 
 
 def actors(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.joint import OpenWorld
 from activelsd.errors import DataError
@@ -32,16 +30,6 @@ def broken() -> list[OpenWorld]:
 
 def missing() -> list[OpenWorld]:
     raise DataError("There are no views on this node.")
-
-
-def busy(mark: Path) -> list[OpenWorld]:
-    """Rings that another process prepares at the first try."""
-    from activelsd.envs.cache import CacheBusyError
-
-    if not mark.exists():
-        mark.touch()
-        raise CacheBusyError("Another process is preparing them.")
-    return rings()
 
 
 class Idle:

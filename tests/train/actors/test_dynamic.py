@@ -52,7 +52,7 @@ def test_counts_change_while_training_runs_and_all_end() -> None:
             rollout = crew.collect(Epsilon(0.3, 0.3))
             ended = rollout.terminated | rollout.truncated
             assert bool((rollout.first[1:] == ended[:-1]).all())
-            seen.add(len(crew._desk.agents))
+            seen.add(len(crew._predictor_state.agents))
     finally:
         crew.close()
     assert threading.active_count() == threads

@@ -36,7 +36,7 @@ def play_on(crew: GA3CActors, lost: int) -> dict[str, float]:
         measures = crew.measures()
         for name in found:
             found[name] += measures[name]
-        if found["ga3c/agents_lost"] == lost and measures["ga3c/agents"] == len(crew._desk.agents):
+        if found["ga3c/agents_lost"] == lost and measures["ga3c/agents"] == len(crew._predictor_state.agents):
             return found
         assert time.monotonic() < deadline
 
@@ -66,7 +66,7 @@ def test_a_lost_agent_is_replaced(
     assert said in warning
     if how in ("raise", "hang", "die"):
         assert f"in _{how}" in warning  # its own traceback
-    assert "started anew (1 of 10 times)" in warning
+    assert "started again (1 of 10 times)" in warning
     assert found["ga3c/steps_lost"] == 2.0  # of 7, 4 were a whole trajectory and the last was not taken
 
 
@@ -76,7 +76,7 @@ def test_a_killed_agent_is_replaced(lanes: int, caplog: pytest.LogCaptureFixture
     try:
         crew.collect(EPSILON)
         for lost in (1, 2, 3):
-            players = [agent.player for agent in crew._desk.agents.values()]
+            players = [agent.player for agent in crew._predictor_state.agents.values()]
             os.kill(next(p.pid for p in players if p is not None), signal.SIGKILL)  # type: ignore[attr-defined]
             play_on(crew, lost=1)
             assert len(caplog.messages) == lost
@@ -136,7 +136,7 @@ def test_closing_leaves_nothing(kind: str) -> None:
     files, threads = len(open_files()), threading.active_count()
     crew = actors(kind, agents=3)
     crew.collect(EPSILON)
-    pids = [a.player.pid for a in crew._desk.agents.values() if a.player and kind == "processes"]  # type: ignore[attr-defined]
+    pids = [a.player.pid for a in crew._predictor_state.agents.values() if a.player and kind == "processes"]  # type: ignore[attr-defined]
     crew.close()
     crew.close()
     assert threading.active_count() == threads
@@ -154,7 +154,7 @@ def test_closing_while_agents_start_does_not_wait_for_them() -> None:
     runner = threading.Thread(target=run)
     runner.start()
     deadline = time.monotonic() + 60
-    while not any(agent.player for agent in list(crew._desk.agents.values())):
+    while not any(agent.player for agent in list(crew._predictor_state.agents.values())):
         assert time.monotonic() < deadline
         time.sleep(0.01)
     began = time.monotonic()
@@ -200,7 +200,7 @@ crew = actors("processes", agents=3, sleep=0.005)
 try:
     while True:
         crew.collect(Epsilon(0.3, 0.3))
-        agents = crew._desk.agents.values()
+        agents = crew._predictor_state.agents.values()
         print(*[a.player.pid for a in agents if a.player], flush=True)
 finally:
     crew.close()

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.train.actors.ray_pool import EPSILON, REASON, actors
 
 from activelsd.envs.graphenv import tree_of
 from activelsd.errors import DataError, TrainingError
@@ -26,6 +25,7 @@ from activelsd.train.settings import RaySettings, TrainSettings
 from activelsd.train.trainer import Trainer
 from tests.train.actors import recordings
 from tests.train.actors.mischief import GRAPH
+from tests.train.actors.ray_pool import EPSILON, REASON, actors
 
 
 class Nodes:
@@ -96,7 +96,7 @@ def process_on(crew: RayActors, *, second: bool, nodes: Nodes) -> int:
 def test_a_run_goes_on_without_what_is_killed_and_learns_what_resident_actors_learn(
     nodes: Nodes, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    ends, shape = {}, NetworkShape(size=GRAPH.size, features=32)
+    ends, shape = {}, NetworkShape(size=GRAPH.size, trunk_settings={"features": 32})
 
     def lose(network: LSDNet) -> dict[str, float]:
         """Once each: a process, then a node."""

@@ -11,17 +11,17 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from tests.train.actors.ray_pool import REASON
 
 from activelsd import launch
 from activelsd.compose import resolve
 from activelsd.errors import ConfigError
 from activelsd.train.run import Run
+from tests.train.actors.ray_pool import REASON
 from tests.train.actors.test_failures import alive
 
 WORDS = [
     *("env=modelnet", "env.size=32", "env.dataset.classes=cup,sofa", "env.dataset.train_per_class=2"),
-    *("env.dataset.test_per_class=1", "device=cpu", "policy.features=8", "train.loggers=[]"),
+    *("env.dataset.test_per_class=1", "device=cpu", "policy.trunk.features=8", "train.loggers=[]"),
     *(
         "train.actors=ray",
         "train.ray.workers=2",

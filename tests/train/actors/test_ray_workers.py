@@ -6,25 +6,21 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from tests.train.actors.ray_pool import EPSILON, REASON, actors, network_for, settings_of
 
 from activelsd.envs.joint import OpenWorld
 from activelsd.errors import ConfigError, DataError
 from activelsd.policy.lsdnet import LSDNet
-from activelsd.train.actors.ray import worker
 from activelsd.train.actors.ray.worker import Job, Worker, fingerprint
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.learner import Learner
-from activelsd.train.settings import TrainSettings
 from tests.train.actors import recordings
 from tests.train.actors.mischief import GRAPH
+from tests.train.actors.ray_pool import EPSILON, REASON, actors, network_for, settings_of
 
 
 def worker_of(open_worlds: Callable[[], Sequence[OpenWorld]], seed: int = 5, dropout: float = 0.0) -> Worker:
@@ -59,7 +55,8 @@ def test_a_worker_plays_what_resident_actors_play_with_the_weights_it_is_given(
 ) -> None:
     worlds = open_worlds()
     network = network_for(worlds)
-    resident = on_recordings(worlds, TrainSettings(envs=3, length=4, guided=0.5), frames=1)(network, 5)
+    settings = settings_of().model_copy(update={"envs": 3})
+    resident = on_recordings(worlds, settings, frames=1)(network, 5)
     ours = worker_of(open_worlds)
     for version in range(3):
         with torch.no_grad():
@@ -74,7 +71,8 @@ def test_a_worker_plays_what_resident_actors_play_with_the_weights_it_is_given(
             **{"terminated": rollout.terminated, "truncated": rollout.truncated, "nearer": rollout.nearer},
         }.items():
             assert np.array_equal(steps[name], tensor), name
-        assert np.array_equal(state, rollout.state)
+        assert state.keys() == rollout.state.keys()
+        assert all(np.array_equal(state[name], tensor) for name, tensor in rollout.state.items())
         assert np.array_equal(bootstrap, rollout.bootstrap)
 
 
@@ -90,13 +88,13 @@ def test_without_lag_nothing_is_corrected_and_with_it_something_is(dropout: floa
     assert rollout.rewards.shape == (4, 6)
     assert rollout.nearer is not None
     assert rollout.nearer.shape == rollout.mask.shape
-    corrected = Learner(network, settings).losses(rollout, now).total.item()
-    plain = Learner(network, settings).losses(replace(rollout, behaviour=None), now).total.item()
+    corrected = Learner(network, settings).losses(rollout, now)["total"].item()
+    plain = Learner(network, settings).losses(replace(rollout, behaviour=None), now)["total"].item()
     assert corrected == pytest.approx(plain, rel=1e-5)
     with torch.no_grad():
         network.policy.bias.copy_(torch.arange(len(network.policy.bias)) % 5)  # the learner is ahead
-    corrected = Learner(network, settings).losses(rollout, now).total.item()
-    plain = Learner(network, settings).losses(replace(rollout, behaviour=None), now).total.item()
+    corrected = Learner(network, settings).losses(rollout, now)["total"].item()
+    plain = Learner(network, settings).losses(replace(rollout, behaviour=None), now)["total"].item()
     assert corrected != pytest.approx(plain, rel=1e-4)
 
 
@@ -118,7 +116,7 @@ def test_a_rollout_is_where_the_learner_is() -> None:
     played = worker_of(recordings.rings).play(weights_of(crew._network), 0, EPSILON)
     crew._network.to("meta")
     rollout = crew._rollout([(played, 0)], EPSILON)
-    for value in (*vars(rollout).values(), *rollout.observation.values()):
+    for value in (*vars(rollout).values(), *rollout.observation.values(), *rollout.state.values()):
         assert not isinstance(value, torch.Tensor) or value.device.type == "meta"
 
 
@@ -137,16 +135,6 @@ def test_other_worlds_than_the_learners_are_refused_and_other_pixels_are_not() -
     elsewhere._job = replace(elsewhere._job, open=recordings.two_worlds)
     with pytest.raises(DataError, match=r"opens are not those of the learner; give all nodes the same data"):
         elsewhere.begin()
-
-
-def test_a_worker_waits_for_the_process_that_prepares_its_node(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(worker, "_GLANCE", 0.01)
-    found = worker_of(recordings.rings)
-    found._job = replace(found._job, open=partial(recordings.busy, tmp_path / "tried"))
-    found.begin()
-    assert (tmp_path / "tried").exists()
 
 
 def test_without_ray_one_sentence_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,7 +33,7 @@ def train(run: Run, kind: str, *, resume: bool = False, **changed: Any) -> list[
     """Train on the ring with resident actors or a kind of GA3C's; the rows of metrics."""
     chosen = {"steps": 12_000, "envs": 16, "log_every": 2_000, "loggers": [], "learning_rate": 2e-3}
     settings = TrainSettings(**(chosen | changed))  # type: ignore[arg-type]
-    shape = NetworkShape(size=GRAPH.size, features=32)
+    shape = NetworkShape(size=GRAPH.size, trunk_settings={"features": 32})
     crew = on_recordings([OpenWorld("rings", GRAPH, PRESETS["V4"])], settings, frames=1)
     if kind != "resident":
         crew = lambda network, seed: actors(  # noqa: E731
@@ -60,7 +60,7 @@ def test_threads_learn_what_resident_actors_learn_and_the_log_says_how(tmp_path:
     assert last["navigate"] > 0
 
 
-SMALL = ["device=cpu", "policy.features=8", "env.size=32", "train.steps=200", "train.loggers=[]"]
+SMALL = ["device=cpu", "policy.trunk.features=8", "env.size=32", "train.steps=200", "train.loggers=[]"]
 SHAPES = [
     *("env=modelnet", "env.dataset.classes=cup,sofa", "env.rules.wrong=-1"),
     *("env.dataset.train_per_class=2", "env.dataset.test_per_class=1"),

@@ -14,7 +14,9 @@ from tests.train.actors.mischief import GRAPH, ID, Mischief
 
 
 def network(memory: str = "pool", seed: int = 1) -> LSDNet:
-    return new_network(tree_of(GRAPH), NetworkShape(memory=memory, size=GRAPH.size, features=16), seed)
+    return new_network(
+        tree_of(GRAPH), NetworkShape(memory=memory, size=GRAPH.size, trunk_settings={"features": 16}), seed
+    )
 
 
 def spec(**kwargs: Any) -> EnvSpec:

@@ -1,4 +1,4 @@
-"""Trainers, as GA3C calls them: they batch trajectories for the learner, which alone changes the weights."""
+"""GA3C's trainers: they batch trajectories for the learner, which alone changes the weights."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from activelsd.train.rollout import Rollout
 
 
 class Batch(NamedTuple):
-    """What the learner is handed."""
+    """A rollout for the learner."""
 
     rollout: Rollout
-    versions: NDArray[np.int64]  # (L, B) of the weights that each step was played with
+    versions: NDArray[np.int64]  # (L, B) of the weights that chose each action
 
 
 class BatcherThread(threading.Thread):
-    """Fills the learner's orders: of several trainers, all but one have a batch ready ahead of it."""
+    """Makes the batches that the learner orders; with several trainers, some are made ahead of time."""
 
     def __init__(
         self,
@@ -34,15 +34,15 @@ class BatcherThread(threading.Thread):
         size: int,
         fail: Callable[[Exception], None],
     ) -> None:
-        """Move from the training queue to the learner.
+        """Connect the training queue to the learner.
 
         Args:
             make: puts trajectories side by side.
-            orders: one for each batch that is to be made; what lies ready without one would grow old.
+            orders: one for each batch to make; without orders, ready batches would grow old.
             full: the training queue.
-            ready: where the learner takes batches.
+            ready: the queue from which the learner takes batches.
             size: trajectories of a batch.
-            fail: called with what ends the training.
+            fail: called with the error that ends the training.
         """
         super().__init__(name="trainer", daemon=True)
         self._make, self._orders, self._full, self._ready = make, orders, full, ready

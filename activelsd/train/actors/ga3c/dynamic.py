@@ -1,4 +1,4 @@
-"""How many agents, predictors and trainers play fastest: GA3C's walk (section 4.3) that keeps what helps."""
+"""Finds the fastest numbers of agents, predictors and trainers by GA3C's random walk (section 4.3)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class ThreadCounts(NamedTuple):
-    """How many there are of each."""
+    """Numbers of threads of each kind."""
 
     agents: int
     predictors: int
@@ -18,13 +18,13 @@ class ThreadCounts(NamedTuple):
 
 
 def neighbour(counts: ThreadCounts, most: ThreadCounts, generator: np.random.Generator) -> ThreadCounts:
-    """Each count one up, one down or as it is, within 1 and `most`."""
+    """Counts that differ from these by at most one each, between 1 and `most`."""
     moves = generator.integers(-1, 2, len(counts))
     return ThreadCounts(*(int(min(max(n + d, 1), m)) for n, d, m in zip(counts, moves, most, strict=True)))
 
 
 class Walk:
-    """Tries a neighbour of the best counts so far at every turn, and goes back from one that is slower."""
+    """Tries a neighbour of the best counts so far at every turn, and returns from one that is slower."""
 
     def __init__(self, counts: ThreadCounts, most: ThreadCounts, seed: int) -> None:
         self.best, self._rate = counts, 0.0
@@ -32,9 +32,9 @@ class Walk:
         self._most, self._generator = most, np.random.default_rng(seed)
 
     def turn(self, rate: float) -> ThreadCounts:
-        """The counts to use next, told the rate of those used last."""
+        """The counts to use next, given the rate of those used last."""
         if self._tried == self.best or rate > self._rate:
-            # The best is measured anew where it was used: a machine's speed changes.
+            # The best is measured again when it was used: a machine's speed changes.
             self.best, self._rate = self._tried, rate
             self._tried = neighbour(self.best, self._most, self._generator)
         else:
@@ -54,14 +54,14 @@ class Adjuster(threading.Thread):
         resize: Callable[[ThreadCounts], None],
         fail: Callable[[Exception], None],
     ) -> None:
-        """Adjust.
+        """Set up.
 
         Args:
-            walk: decides.
+            walk: chooses the counts.
             every: seconds between two turns.
-            steps: how many steps were learned from so far.
-            resize: brings the counts about.
-            fail: called with what ends the training.
+            steps: returns how many steps were learned from so far.
+            resize: starts and ends threads.
+            fail: called with the error that ends the training.
         """
         super().__init__(name="adjuster", daemon=True)
         self._walk, self._every, self._steps = walk, every, steps

@@ -1,4 +1,4 @@
-"""GA3C's actors as the trainer sees them: agents, queues, predictors and trainers behind `collect`."""
+"""GA3C's actors for the trainer: agents, queues, predictors and trainers behind `collect`."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from activelsd.train.rollout import Rollout
 from activelsd.train.settings import GA3CSettings
 
 _JOIN = 30.0
-"""Seconds that a thread has to end; one that an environment of this process holds is left behind."""
+"""Seconds that a thread has to end; one that hangs in an environment of this process is left behind."""
 
 
 class GA3CActors:
-    """Many agents, one network, one world; nothing is started before the first `collect`."""
+    """Many agents, one network, one world; the first `collect` starts them."""
 
     places: Mapping[str, slice] = {}
 
@@ -52,17 +52,20 @@ class GA3CActors:
         mirror: bool = False,
         dropout: float = 0.0,
     ) -> None:
-        """Set out the parts.
+        """Set up the parts.
 
         Args:
-            world: what processes make an environment from, or what makes one for a thread of this process.
-            network: plays; the learner changes it.
-            settings: how many of everything.
+            world: from what processes make an environment, or makes one for a thread of this process.
+            network: acts; the learner changes it.
+            settings: numbers of threads and sizes of batches.
             length: L, steps of a trajectory.
             seed: fixes which episodes are drawn; which actions, only as far as threads keep their order.
-            vary_crops: whether episodes' crops are cut and lit otherwise.
-            mirror: whether every other episode is seen in a mirror.
-            dropout: share of the memory's features left out at every look, in acting and learning.
+            vary_crops: whether crops vary from episode to episode.
+            mirror: whether every other episode is mirrored.
+            dropout: share of the memory's outputs dropped at every view, in acting and learning.
+
+        Raises:
+            ConfigError: episodes are to be mirrored, and a move has no opposite.
         """
         self._world, self._settings, self._length, self._seed = world, settings, length, seed
         shape = network.shape
@@ -77,35 +80,35 @@ class GA3CActors:
         )
         size = max(1, (settings.training_batch or settings.agents * settings.envs_per_agent) // layout.envs)
         self._gauges = Gauges()
-        self._asks: BatchQueue[tuple[int, int]] = BatchQueue()
+        self._requests: BatchQueue[tuple[int, int]] = BatchQueue()
         self._full: BatchQueue[Trajectory] = BatchQueue(limit=size)
         self._orders: BatchQueue[None] = BatchQueue()
         self._ready: BatchQueue[Batch] = BatchQueue()
-        self._ordered = 0  # batches not yet taken
+        self._ordered = 0  # batches ordered and not yet taken
         self._size, self._layout = size, layout
-        memory = network.initial_state(layout.rows * layout.envs).view(layout.rows, layout.envs, -1)
-        device, crops = memory.device, vary_crops and shape.crops
-        self._desk = PredictorState(
+        rows, device, crops = (layout.rows, layout.envs), network.device, vary_crops and shape.crops
+        state = network.initial_state(layout.rows * layout.envs)
+        self._predictor_state = PredictorState(
             network,
             Slots(layout),
             {},
-            memory,
+            {name: x.view(*rows, *x.shape[1:]) for name, x in state.items()},
             self._full,
             self._gauges,
             Variation([network.tree], network.tree, device, crops=crops, mirror=mirror),
-            torch.zeros(layout.rows, layout.envs, VARIATION_SIZE, device=device),
+            torch.zeros(*rows, VARIATION_SIZE, device=device),
             dropout,
         )
         self._predictors: list[Predictor] = []
         self._trainers: list[BatcherThread] = []
         self._adjuster: Adjuster | None = None
         self._lifeline = Lifeline.open()
-        self._lock, self._begun = threading.Lock(), 0  # players so far: each has episodes of its own
-        self._drawing = count()  # predictors so far: each draws actions of its own
+        self._lock, self._begun = threading.Lock(), 0  # players so far: each has its own episodes
+        self._drawing = count()  # predictors so far: each has its own generator
         self._steps, self._closed, self._starting = 0, False, threading.Lock()
         self._failure: Exception | None = None
 
-    # What the trainer asks for.
+    # The interface of `Actors`.
 
     def collect(self, epsilon: Epsilon) -> Rollout:
         """The next batch of trajectories, on the network's device.
@@ -114,9 +117,9 @@ class GA3CActors:
             TrainingError: an agent was lost too often.
             UserError: the environment cannot be made, or is not the one the network is for.
         """
-        self._desk.epsilon = epsilon
+        self._predictor_state.epsilon = epsilon
         if self._predictors:
-            self._desk.version += 1
+            self._predictor_state.version += 1
         else:
             with self._starting:
                 if not self._closed:
@@ -134,21 +137,23 @@ class GA3CActors:
                 raise
             raise self._failure from None
         self._gauges.rate("learner_idle", time.monotonic() - began)
-        lag = self._desk.version - versions
+        lag = self._predictor_state.version - versions
         self._gauges.mean("lag", float(lag.mean()))
         self._gauges.peak("lag_max", float(lag.max()))
         self._steps += lag.size
         return rollout
 
     def measures(self) -> dict[str, float]:
-        """Queues, batches, waiting, lag and losses of the time since the last call, as `ga3c/…`."""
+        """Metrics of queues, batches, waiting, lag and losses since the last call, as `ga3c/…`."""
         found = {"agents_lost": 0.0, "episodes_cut": 0.0, "steps_lost": 0.0} | self._gauges.read()
-        found["agents"] = float(sum(agent.player is not None for agent in self._desk.agents.values()))
+        found["agents"] = float(
+            sum(agent.player is not None for agent in self._predictor_state.agents.values())
+        )
         found |= {"predictors": float(len(self._predictors)), "trainers": float(len(self._trainers))}
         return {f"ga3c/{name}": value for name, value in found.items()}
 
     def state(self) -> dict[str, Tensor]:
-        """How many players have begun: those of a resumed run play on with episodes not yet drawn."""
+        """The number of players so far, so that those of a resumed run get other episodes."""
         return {"begun": torch.tensor(self._begun)}
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
@@ -160,33 +165,33 @@ class GA3CActors:
         if self._closed:
             return
         self._closed = True
-        for queue in (self._asks, self._full, self._orders, self._ready):
+        for queue in (self._requests, self._full, self._orders, self._ready):
             queue.close()
-        with self._starting:  # another thread may be at it; after this it finds that all is closed
+        with self._starting:  # another thread may be starting agents; it then finds that all is closed
             self._release()
         if self._adjuster is not None:
             self._adjuster.stop()
             self._adjuster.join()
-            self._release()  # those it had begun meanwhile
-        for thread in (*self._predictors, *self._trainers, *self._desk.agents.values()):
+            self._release()  # the agents it has started meanwhile
+        for thread in (*self._predictors, *self._trainers, *self._predictor_state.agents.values()):
             thread.join(_JOIN)
         self._lifeline.close()
-        self._desk.slots.close()
+        self._predictor_state.slots.close()
 
-    # How it comes about.
+    # Threads.
 
     def _release(self) -> None:
-        for agent in list(self._desk.agents.values()):
+        for agent in list(self._predictor_state.agents.values()):
             agent.stop()
             for lane in range(self._layout.lanes):
-                agent.answer(lane)  # nobody else does any more
+                agent.answer(lane)  # no predictor does any more
 
     def _start(self) -> None:
         settings = self._settings
-        self._around = AgentContext(
+        self._context = AgentContext(
             world=self._world.id if isinstance(self._world, EnvSpec) else "a thread's environment",
             make=self._player,
-            asks=self._asks,
+            requests=self._requests,
             starting=threading.Semaphore(settings.starting),
             restarts=settings.restarts,
             gauges=self._gauges,
@@ -204,11 +209,11 @@ class GA3CActors:
             self._adjuster.start()
 
     def _resize(self, counts: ThreadCounts) -> None:
-        """Start or end agents, predictors and trainers until there are so many."""
-        agents = self._desk.agents
+        """Start or end agents, predictors and trainers until the counts are reached."""
+        agents = self._predictor_state.agents
         for number in range(len(agents), counts.agents):
-            recorders = [self._recorder() for _ in range(self._layout.lanes)]
-            agents[number] = Agent(number, recorders, self._around)
+            writers = [self._writer() for _ in range(self._layout.lanes)]
+            agents[number] = Agent(number, writers, self._context)
             agents[number].start()
         leaving = [agents[number] for number in range(counts.agents, len(agents))]
         for agent in leaving:
@@ -219,16 +224,16 @@ class GA3CActors:
         _resize(self._trainers, counts.trainers, self._trainer)
         _resize(self._predictors, counts.predictors, self._predictor)
 
-    def _recorder(self) -> TrajectoryWriter:
-        dropped = self._desk.network.memory.outputs if self._desk.dropout else 0
+    def _writer(self) -> TrajectoryWriter:
+        dropped = self._predictor_state.network.memory.outputs if self._predictor_state.dropout else 0
         return TrajectoryWriter(self._layout, self._length, dropped)
 
     def _player(self, number: int, wanted: Callable[[], bool]) -> Stepper:
         with self._lock:
             begun, self._begun = self._begun, self._begun + 1
-        # Environments of a player are seeded one after the other; 31 bits, as simulators want them.
+        # A player's environments have consecutive seeds, of 31 bits, which simulators accept.
         seed = int(np.random.SeedSequence(self._seed, spawn_key=(begun,)).generate_state(1)[0] >> 1)
-        slots = self._desk.slots
+        slots = self._predictor_state.slots
         if not isinstance(self._world, EnvSpec):
             return LocalStepper(self._world, slots, number, seed)
         return ProcessStepper(
@@ -245,8 +250,8 @@ class GA3CActors:
     def _predictor(self) -> Predictor:
         settings, key = self._settings, (1, next(self._drawing))
         return Predictor(
-            self._desk,
-            self._asks,
+            self._predictor_state,
+            self._requests,
             most=max(1, settings.prediction_batch // self._layout.envs),
             patience=settings.prediction_wait_ms / 1000,
             seed=int(np.random.SeedSequence(self._seed, spawn_key=key).generate_state(1)[0]),
@@ -259,32 +264,32 @@ class GA3CActors:
         )
 
     def _make_batch(self, trajectories: Sequence[Trajectory]) -> Batch:
-        desk = self._desk
-        left_out = ("dropout",) if desk.dropout else ()  # it is part of what was seen
+        state = self._predictor_state
+        dropout = ("dropout",) if state.dropout else ()  # its factors are part of the observation
         return Batch(
             *batch(
                 trajectories,
-                (*self._layout.observation, *left_out),
-                desk.network.tree.span(CLASSIFY),
-                desk.epsilon,
-                desk.memory.device,
+                (*self._layout.observation, *dropout),
+                state.network.tree.span(CLASSIFY),
+                state.epsilon,
+                state.network.device,
             )
         )
 
     def _fail(self, error: Exception) -> None:
-        """Have the learner raise an error, the first if there are several."""
+        """Have the learner raise an error; the first if there are several."""
         self._failure = self._failure or error
-        for queue in (self._asks, self._full, self._orders, self._ready):
+        for queue in (self._requests, self._full, self._orders, self._ready):
             queue.close()
 
 
-class _Worker(Protocol):
+class _Stoppable(Protocol):
     def start(self) -> None: ...
     def stop(self) -> None: ...
     def join(self) -> None: ...
 
 
-Thread = TypeVar("Thread", bound=_Worker)
+Thread = TypeVar("Thread", bound=_Stoppable)
 
 
 def _resize(threads: list[Thread], size: int, make: Callable[[], Thread]) -> None:

@@ -1,8 +1,8 @@
-"""A player in a process of its own: both ends of the pipes between it and the agent's thread.
+"""A player in its own process: both ends of the pipes between it and the agent's thread.
 
-The pipes carry a byte per step, a bell each way, which says the lane; what is seen and done stands in the
-shared slots. Each process ends with its parent, whatever becomes of that: a pipe that only the parent holds
-open says so.
+The pipes carry one byte per step in each direction, the index of the lane; observations and actions are in
+the shared slots. Each process ends with its parent, however that ends: then a pipe closes that only the
+parent holds open.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ from activelsd.train.actors.ga3c.slots import Layout, Slots
 from activelsd.train.actors.ga3c.stepper import Env, LocalStepper, check_actions
 
 _FAILED = b"!"
-"""What no bell rings; all others are a lane."""
+"""Announces an error; any other byte is a lane."""
 
 _WHERE = signal.SIGUSR1
-"""Asks a process to write down where it is."""
+"""Makes a process write its tracebacks to its trace file."""
 
 _GRACE = 2.0
-"""Seconds that a process has to close its environments before it is killed."""
+"""Seconds for a process to close its environments before it is killed."""
 
 _GLANCE = 0.2
-"""Seconds between two looks at whether the agent is wanted still."""
+"""Seconds between two checks whether the agent is still wanted."""
 
 _TELLING = 1.0
-"""Seconds that a silent process has to say where it is."""
+"""Seconds for a silent process to write its tracebacks."""
 
 
 class AgentLost(ActiveLSDError):
-    """Raised when a player has failed, hangs or is gone; its text says how, with the traceback there is."""
+    """Raised when a player has failed, hangs or is gone; its text says how, with any traceback."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EnvSpec:
-    """What a process makes its environment from, in plain values that JSON holds.
+    """Describes a process's environment, in plain values that JSON holds.
 
     Attributes:
         id: Gymnasium's, after the module that registers it and a colon: `my_package:my/Env-v0`.
@@ -66,18 +66,18 @@ class EnvSpec:
 
 
 class Lifeline(NamedTuple):
-    """A pipe whose reading end every process watches; its end is the parent's end."""
+    """A pipe that every process watches; when it closes, the parent has ended."""
 
     read: int
     write: int
 
     @classmethod
     def open(cls) -> Lifeline:
-        """Both ends, neither of them inherited unless it is passed on."""
+        """Both ends, which child processes inherit only if they are passed on."""
         return cls(*os.pipe())
 
     def close(self) -> None:
-        """Whoever still watches ends now."""
+        """End all processes that still watch it."""
         os.close(self.read)
         os.close(self.write)
 
@@ -101,19 +101,19 @@ class ProcessStepper:
 
         Args:
             spec: the environment.
-            slots: where it writes.
-            agent: its number there.
+            slots: where it writes observations.
+            agent: its index there.
             seed: of its first environment.
             lifeline: of this process.
-            start_timeout: seconds it may take to show the first views.
-            timeout: seconds it may take for a step.
-            wanted: asked while it is waited for; False ends the waiting.
+            start_timeout: seconds until the first views.
+            timeout: seconds for a step.
+            wanted: called while waiting; False ends the wait.
         """
         self._start_timeout, self._timeout, self._wanted = start_timeout, timeout, wanted
-        self._due = 1  # things it was told to do and has not done yet
-        self._since = time.monotonic()  # when it began with the first of them
-        # Without it the bell's file might be closed in the midst of a ring, and its number be another file's.
-        self._ringing = threading.Lock()
+        self._due = 1  # steps requested and not yet done; the first is to begin
+        self._since = time.monotonic()  # when the process began with the first of them
+        # Without it, the pipe might be closed during a write, and its descriptor be another file's.
+        self._writing = threading.Lock()
         self._trace: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  faulthandler's
         files = {"memory": slots.file, "lifeline": lifeline.read, "trace": self._trace.fileno()}
         job = {"files": files, "layout": asdict(slots.layout), "agent": agent, "seed": seed}
@@ -121,14 +121,14 @@ class ProcessStepper:
         self._process = start(__name__, tuple(files.values()))
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._bell, self._answers = self._process.stdin, self._process.stdout
+        self._requests, self._answers = self._process.stdin, self._process.stdout
         self._poll = select.poll()
         self._poll.register(self._answers, select.POLLIN)
-        self._tell(json.dumps(job).encode() + b"\n")
+        self._send(json.dumps(job).encode() + b"\n")
 
     @property
     def pid(self) -> int:
-        """Of the process, which leads a group of its own."""
+        """Id of the process, which leads its own process group."""
         return self._process.pid
 
     def begin(self) -> None:
@@ -141,20 +141,20 @@ class ProcessStepper:
         self._wait(self._start_timeout)
 
     def go(self, lane: int) -> None:
-        """Ring."""
-        with self._ringing:
+        """Send the lane to the process."""
+        with self._writing:
             if not self._due:
                 self._since = time.monotonic()
             self._due += 1
-        self._tell(bytes([lane]))
+        self._send(bytes([lane]))
 
-    def _tell(self, message: bytes) -> None:
-        with self._ringing, suppress(BrokenPipeError):  # it died, and waiting for its answer says how
-            if not self._bell.closed:  # all agents are let go at once, those too that have just ended
-                self._bell.write(message)
+    def _send(self, message: bytes) -> None:
+        with self._writing, suppress(BrokenPipeError):  # it died; `wait` says how
+            if not self._requests.closed:  # `close` may have come first
+                self._requests.write(message)
 
     def wait(self) -> int:
-        """The next lane whose step is taken.
+        """Wait for the next lane whose step is done.
 
         Raises:
             AgentLost: the environment raised, the process died, or it was silent for too long.
@@ -164,14 +164,14 @@ class ProcessStepper:
     def _wait(self, timeout: float) -> int:
         while not self._poll.poll(_GLANCE * 1000):
             if not self._wanted():
-                raise AgentLost("was not wanted any more")
+                raise AgentLost("was no longer wanted")
             if self._due and time.monotonic() > self._since + timeout:
                 self._process.send_signal(_WHERE)
                 time.sleep(_TELLING)
                 raise AgentLost(f"was silent for {timeout:g} s{self._trace_text()}")
         answer = self._answers.read(1)
         if answer and answer != _FAILED:
-            with self._ringing:
+            with self._writing:
                 self._due -= 1
                 self._since = time.monotonic()
             return answer[0]
@@ -194,9 +194,9 @@ class ProcessStepper:
             os.killpg(self.pid, number)
 
     def close(self) -> None:
-        """Let the process close its environments, then end it with all that it started."""
-        with self._ringing:
-            self._bell.close()
+        """Let the process close its environments, then kill its process group."""
+        with self._writing:
+            self._requests.close()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_GRACE)
         self._kill(signal.SIGKILL)
@@ -206,11 +206,11 @@ class ProcessStepper:
 
 
 def main() -> None:
-    """Play what standard input describes, a step for each byte there, until it ends."""
+    """Play the job on the first line of standard input, a step for each byte after it, until it closes."""
     answers = os.dup(1)
-    os.dup2(2, 1)  # whatever an environment prints must not get between the answers
-    with os.fdopen(os.dup(0), "rb", buffering=0) as bell:
-        job = json.loads(bell.readline())
+    os.dup2(2, 1)  # what an environment prints must not mix with the answers
+    with os.fdopen(os.dup(0), "rb", buffering=0) as requests:
+        job = json.loads(requests.readline())
     files = job["files"]
     os.environ[NUMBER] = str(job["agent"])
     faulthandler.enable(files["trace"])
@@ -223,13 +223,13 @@ def main() -> None:
         player.begin()
         begun = True
         lane = b"\0"
-        while _ring(answers, lane) and (lane := os.read(0, 1)):
+        while _answer(answers, lane) and (lane := os.read(0, 1)):
             player.step(lane[0])
         player.close()
     except Exception as error:  # noqa: BLE001  the parent says which agent it was
         mistake = isinstance(error, UserError) or (not begun and isinstance(error, gymnasium.error.Error))
         text = str(error) if mistake else traceback.format_exc()[-20_000:]
-        _ring(answers, _FAILED + json.dumps({"mistake": mistake, "text": text}).encode() + b"\n")
+        _answer(answers, _FAILED + json.dumps({"mistake": mistake, "text": text}).encode() + b"\n")
 
 
 def _make(job: dict[str, Any]) -> Env:
@@ -238,10 +238,10 @@ def _make(job: dict[str, Any]) -> Env:
     return env
 
 
-def _ring(answers: int, message: bytes) -> bool:
+def _answer(answers: int, message: bytes) -> bool:
     try:
         os.write(answers, message)
-    except BrokenPipeError:  # the parent is gone, and so is anybody to tell
+    except BrokenPipeError:  # the parent is gone
         return False
     return True
 

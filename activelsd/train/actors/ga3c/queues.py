@@ -1,4 +1,4 @@
-"""A queue that is emptied in batches: bounded by size and by the age of what waits longest."""
+"""A queue that is emptied in batches, limited by their size and by the age of the oldest item."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ Item = TypeVar("Item")
 
 
 class ClosedError(Exception):
-    """Raised to whoever waits at a queue that is closed."""
+    """Raised in every thread that waits at a queue that was closed."""
 
 
 class BatchQueue(Generic[Item]):
-    """First in, first out, many at a time."""
+    """First in, first out, in batches."""
 
     def __init__(self, limit: int | None = None) -> None:
-        """Let `put` wait while as many as `limit` are in."""
+        """Create it; `put` waits while it holds `limit` items."""
         self._limit, self._closed = limit, False
-        self._items: deque[tuple[float, Item]] = deque()  # when it was put, and it
+        self._items: deque[tuple[float, Item]] = deque()  # time of `put`, and the item
         self._changed = threading.Condition()
 
     def __len__(self) -> int:
         return len(self._items)
 
     def put(self, item: Item) -> None:
-        """Append an item, as soon as there is room. Raises ClosedError."""
+        """Append an item as soon as there is room. Raises ClosedError."""
         with self._changed:
             while self._limit is not None and len(self._items) >= self._limit and not self._closed:
                 self._changed.wait()
@@ -37,12 +37,12 @@ class BatchQueue(Generic[Item]):
             self._changed.notify_all()
 
     def take(self, least: int, most: int, patience: float = 0.0) -> list[Item]:
-        """Up to `most` items, as soon as there are so many, or `least` and the oldest has waited long enough.
+        """Up to `most` items, as soon as there are that many, or `least` and the oldest is old enough.
 
         Args:
-            least: wait for so many without limit.
-            most: take no more than that.
-            patience: seconds the oldest item may wait for more to come.
+            least: wait without limit for at least this many.
+            most: take at most this many.
+            patience: seconds that the oldest item may wait for more.
 
         Raises:
             ClosedError: the queue was closed.
@@ -62,7 +62,7 @@ class BatchQueue(Generic[Item]):
             return taken
 
     def close(self) -> None:
-        """Wake everyone who waits, now and from now on, with ClosedError."""
+        """Make all pending and later calls raise ClosedError."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

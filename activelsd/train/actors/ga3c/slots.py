@@ -1,7 +1,7 @@
-"""Where agents and predictors meet: shared memory with a place for the newest step of every environment.
+"""Memory that agents and predictors share, with a slot for the newest step of every environment.
 
-The memory has no name, so nothing of it stays when the last process that maps it is gone, however it ended.
-Agent and predictor never touch a place at once: what an agent has asked about rests until it is answered.
+The memory has no name, so it is freed when the last process that maps it is gone, however that ended. Agent
+and predictor never use a slot at the same time: after its request, an agent leaves it alone until the answer.
 """
 
 from __future__ import annotations
@@ -21,41 +21,41 @@ from numpy.typing import NDArray
 _ALIGNED = 64  # bytes of a cache line, so that no two arrays share one
 
 STEP = {
-    "first": "bool",  # what is seen is an episode's first view
-    "label": "int64",  # the right class of the episode in sight
-    "views": "int64",  # views seen of it
-    "reward": "float32",  # of the last action, as are the three that follow
+    "first": "bool",  # the observation is an episode's first view
+    "label": "int64",  # the right class of the episode
+    "views": "int64",  # views seen in the episode
+    "reward": "float32",  # of the last action, as are the next three
     "terminated": "bool",
     "truncated": "bool",
-    "cut": "bool",  # the episode ended because the world failed
-    "action": "int64",  # the answer: what to do now
+    "cut": "bool",  # the episode was ended because the world failed
+    "action": "int64",  # the answer: the action to take
 }
-"""Scalars of an environment's newest step, and their types."""
+"""Scalars of an environment's newest step, with their types."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """How much room there is, in plain values that JSON holds."""
+    """Numbers and shapes of the slots, in plain values that JSON holds."""
 
     agents: int
-    lanes: int  # of each agent; it steps one while the others' answers are awaited
+    lanes: int  # of each agent, which steps one while it waits for the others' answers
     envs: int  # of each lane
     actions: int
     observation: Mapping[str, tuple[tuple[int, ...], str]]  # shape and dtype of each part
 
     @classmethod
     def of(cls, space: gymnasium.spaces.Dict, *, agents: int, lanes: int, envs: int, actions: int) -> Layout:
-        """Room for the observations of a space."""
+        """The layout for the observations of a space."""
         parts = {name: (box.shape or (), str(box.dtype)) for name, box in space.items()}
         return cls(agents=agents, lanes=lanes, envs=envs, actions=actions, observation=parts)
 
     @property
     def rows(self) -> int:
-        """Lanes of all agents; an agent's stand together."""
+        """Number of lanes of all agents; the lanes of an agent are consecutive rows."""
         return self.agents * self.lanes
 
     def row(self, agent: int, lane: int) -> int:
-        """Where an agent's lane stands."""
+        """The row of an agent's lane."""
         return agent * self.lanes + lane
 
     def fields(self) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
@@ -71,13 +71,13 @@ class Slots:
     """Arrays (rows, envs, ...) by the names of `Layout.fields`, in memory that processes share.
 
     Attributes:
-        layout: what there is room for.
-        file: descriptor of the memory, for a process that is to map it too.
+        layout: numbers and shapes.
+        file: descriptor of the memory, for another process to map.
         arrays: by name.
     """
 
     def __init__(self, layout: Layout, file: int | None = None) -> None:
-        """Map a memory made elsewhere, or make one."""
+        """Map the memory of another process, or allocate one."""
         self.layout = layout
         fields = layout.fields()
         sizes = [prod(shape) * dtype.itemsize for shape, dtype in fields.values()]
@@ -90,14 +90,14 @@ class Slots:
         }
 
     def close(self) -> None:
-        """Let go of the memory."""
+        """Release the memory."""
         self.arrays.clear()
         os.close(self.file)
 
 
 def _nameless(size: int) -> int:
     if hasattr(os, "memfd_create"):
-        # Not bounded by the size of /dev/shm either, of which containers have 64 MB.
+        # It is not limited by the size of /dev/shm, which is 64 MB in containers.
         file = os.memfd_create("activelsd")
     else:
         with tempfile.TemporaryFile() as temporary:

@@ -1,4 +1,4 @@
-"""An agent's hands: the environments it steps, and what they show written where predictors read it."""
+"""Steppers: step an agent's environments, and write their observations where predictors read them."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ Env = gymnasium.Env[Observation, np.int64]
 
 
 class Stepper(Protocol):
-    """Steps the environments of one agent, a lane of them at a time.
+    """Steps the environments of one agent, one lane at a time.
 
-    `go` is called by whoever has written the actions, everything else by the agent's thread.
+    The predictor that has written the actions calls `go`; the agent's thread calls everything else.
     """
 
     def begin(self) -> None:
         """Begin the first episodes."""
 
     def go(self, lane: int) -> None:
-        """Have the actions in a lane's slots taken; an episode that ends is followed by the next."""
+        """Start a step with the actions in a lane's slots; an episode that ends is followed by the next."""
 
     def wait(self) -> int:
-        """The next lane of which that is done, called before it or after."""
+        """Wait for the next lane whose step is done; may be called before or after `go`."""
 
     def close(self) -> None:
-        """Let go of the environments."""
+        """Close the environments."""
 
 
 class LocalStepper:
-    """Plays environments of this process, one after the other."""
+    """Steps environments of this process, one after the other."""
 
     def __init__(self, make: Callable[[], Env], slots: Slots, agent: int, seed: int) -> None:
         """Make the environments of an agent.
 
         Raises:
-            ConfigError: they do not show or do what the network was built for.
+            ConfigError: their observations or actions are not the network's.
         """
         layout = slots.layout
         rows = [layout.row(agent, lane) for lane in range(layout.lanes)]
         self._slots = [{name: array[row] for name, array in slots.arrays.items()} for row in rows]
         self._envs: list[list[Env]] = [[] for _ in rows]
         self._parts = tuple(layout.observation)
-        self._seed, self._told = seed, SimpleQueue[int]()
+        self._seed, self._lanes = seed, SimpleQueue[int]()
         try:
             for envs in self._envs:
                 for _ in range(layout.envs):
@@ -61,7 +61,7 @@ class LocalStepper:
             raise
 
     def begin(self) -> None:
-        """Begin the first episodes; the seeds of an agent's environments follow one another."""
+        """Begin the first episodes; the environments of an agent have consecutive seeds."""
         seed = self._seed
         for slots, envs in zip(self._slots, self._envs, strict=True):
             for i, env in enumerate(envs):
@@ -72,12 +72,12 @@ class LocalStepper:
                 seed += 1
 
     def go(self, lane: int) -> None:
-        """Let `wait` take the step: this thread has others to answer."""
-        self._told.put(lane)
+        """Leave the step to `wait`: the calling thread has other requests to answer."""
+        self._lanes.put(lane)
 
     def wait(self) -> int:
-        """Take the step when told to."""
-        lane = self._told.get()
+        """Take a step as soon as `go` was called."""
+        lane = self._lanes.get()
         self.step(lane)
         return lane
 
@@ -114,11 +114,11 @@ class LocalStepper:
 
 
 def check_actions(env: Env, actions: dict[str, Sequence[str]]) -> None:
-    """Refuse an environment whose tree is not the network's. Raises ConfigError."""
+    """Raises ConfigError if an environment's actions are not the network's."""
     found = env.get_wrapper_attr("tree").to_dict()
     if found != actions:
         raise ConfigError(
-            f"The environment's actions {found} are not the network's {actions}; train a network for them."
+            f"The environment's actions {found} are not the network's {actions}; train a network with them."
         )
 
 
@@ -129,5 +129,5 @@ def _check(env: Env, slots: Slots) -> None:
     wanted = {name: (tuple(shape), dtype) for name, (shape, dtype) in layout.observation.items()}
     if found != wanted:
         raise ConfigError(
-            f"The environment shows {found}, but the network was built for {wanted}; make both alike."
+            f"The environment's observations are {found}, and the network was built for {wanted}; change one."
         )

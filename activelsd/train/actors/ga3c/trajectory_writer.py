@@ -1,4 +1,4 @@
-"""A lane's trajectory, written step by step as its questions are answered."""
+"""Writes a lane's trajectory step by step, as its requests are answered."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
+from activelsd.policy.memories import State
 from activelsd.train.actors.ga3c.slots import Layout
 from activelsd.train.actors.trajectory import Trajectory
 
-_ASKED = ("first", "label", "views")
-"""What a slot holds of the step it asks about, beside what the network sees."""
+_REQUEST = ("first", "label", "views")
+"""Fields of a slot about the step that needs an action, beside the observation."""
 
-_GIVEN = ("reward", "terminated", "truncated")
-"""What it holds of the step before."""
+_OUTCOME = ("reward", "terminated", "truncated")
+"""Fields of a slot about the step before."""
 
 
 class TrajectoryWriter:
     """Writes the trajectories of a lane; whichever predictor answers calls it once per answer."""
 
     def __init__(self, layout: Layout, length: int, dropped: int = 0) -> None:
-        """Trajectories of a length, with the factors of so many features if any are left out."""
+        """Write trajectories of `length` steps; `dropped` is the number of dropout's factors, if any."""
         one = {name: (shape[1:], dtype) for name, (shape, dtype) in layout.fields().items()}
         one["behaviour"], one["version"] = one["reward"], one["action"]
         if dropped:
@@ -32,36 +32,36 @@ class TrajectoryWriter:
         self._begin()
 
     def _begin(self) -> None:
-        # New arrays each time: those that are full are the learner's.
+        # New arrays each time: full ones belong to the learner.
         self._steps = {
             name: np.empty((self._length, *shape), dtype) for name, (shape, dtype) in self._fields.items()
         }
         self._done = 0
-        self._state: Tensor | None = None
+        self._state: State | None = None
 
     def drop(self) -> int:
-        """Forget the unfinished trajectory; how many environment steps it held."""
-        lost = max(self._done - 1, 0) * int(self._steps["reward"].shape[1])  # the last was not taken
+        """Drop the unfinished trajectory; returns how many environment steps it held."""
+        lost = max(self._done - 1, 0) * int(self._steps["reward"].shape[1])  # the last action was not taken
         self._begin()
         return lost
 
     def add(
         self,
         slot: Mapping[str, NDArray[Any]],
-        state: Tensor,
+        state: State,
         seen: Mapping[str, NDArray[Any]],
         *,
         value: NDArray[np.float32],
         version: int,
     ) -> Trajectory | None:
-        """Take a step's question and answer, and with it what the step before led to.
+        """Add a step's request and answer, and with it the outcome of the step before.
 
         Args:
             slot: the agent's arrays (R, ...).
-            state: (R, width) the memory that the question was answered with.
-            seen: (R, ...) what the network saw and chose: the observation's parts, `mask`, `action`, its
+            state: of the memory before the answer, each (R, ...).
+            seen: (R, ...) what the network saw and chose: the observation, `mask`, `action`, its
                 log-probability `behaviour`, and `dropout` if there is any.
-            value: (R,) of what is seen.
+            value: (R,) of the observation.
             version: of the weights, in updates.
 
         Returns:
@@ -69,7 +69,7 @@ class TrajectoryWriter:
         """
         full = None
         if self._done:
-            for name in _GIVEN:
+            for name in _OUTCOME:
                 self._steps[name][self._done - 1] = slot[name]
         if self._done == self._length:
             assert self._state is not None
@@ -77,7 +77,7 @@ class TrajectoryWriter:
             self._begin()
         if not self._done:
             self._state = state
-        for name in _ASKED:
+        for name in _REQUEST:
             self._steps[name][self._done] = slot[name]
         for name, array in seen.items():
             self._steps[name][self._done] = array

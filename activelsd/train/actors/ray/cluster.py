@@ -1,4 +1,4 @@
-"""Ray's cluster: joined where one runs already, else started on this machine for as long as it is needed."""
+"""Ray's cluster: joins a running one, or starts one on this machine for the time of the run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PATIENCE = 10.0
 
 
 def import_ray() -> Any:
-    """The package. Raises ConfigError where it is not installed."""
+    """The package. Raises ConfigError if it is not installed."""
     try:
         import ray
     except ModuleNotFoundError:
@@ -28,13 +28,13 @@ def import_ray() -> Any:
 
 
 def join(address: str) -> None:
-    """Connect to a cluster that runs.
+    """Connect to a running cluster.
 
     Args:
         address: `host:port` of its head, or `auto` for the one on this machine.
 
     Raises:
-        ConfigError: none answers there, or it is of another version of Ray or Python.
+        ConfigError: none answers there, or it has another version of Ray or Python.
     """
     ray = import_ray()
     try:
@@ -49,11 +49,11 @@ def join(address: str) -> None:
 
 
 def start(*, cpus: int, store: int) -> None:
-    """Start a cluster of this machine alone.
+    """Start a cluster on this machine alone.
 
     Args:
-        cpus: workers that there is room for; as many as are asked for, whatever cores there are.
-        store: bytes of shared memory that arrays may take.
+        cpus: number of workers, which may be more than there are cores.
+        store: bytes of shared memory for arrays.
 
     Raises:
         TrainingError: it does not start.
@@ -61,7 +61,7 @@ def start(*, cpus: int, store: int) -> None:
     ray = import_ray()
     try:
         with _own_signals():
-            # `local`: without it, Ray would join whatever cluster it finds.
+            # Without `local`, Ray would join any cluster it finds.
             ray.init(
                 address="local",
                 num_cpus=cpus,
@@ -75,19 +75,19 @@ def start(*, cpus: int, store: int) -> None:
 
 
 def leave() -> None:
-    """End the cluster that was started here, with all its processes; one that was joined goes on."""
+    """End the cluster that was started here with all its processes, or leave the one that was joined."""
     import_ray().shutdown()
 
 
 def room() -> str:
-    """How many CPUs the cluster has, and how many of them are free, for messages."""
+    """Says how many CPUs the cluster has and how many of them are free, for messages."""
     ray = import_ray()
     found, free = (int(some.get("CPU", 0)) for some in (ray.cluster_resources(), ray.available_resources()))
     return f"the cluster has {found} CPUs of which {free} are free, and each worker needs one"
 
 
 def _reach(address: str) -> None:
-    """Find out in seconds whether anybody is there; Ray tries for minutes."""
+    """Check within seconds that a host answers; Ray tries for minutes."""
     host, _, port = address.rpartition(":")
     if port.isdigit() and "://" not in address:
         socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
@@ -95,7 +95,7 @@ def _reach(address: str) -> None:
 
 @contextmanager
 def _own_signals() -> Iterator[None]:
-    """Keep this process's answer to SIGTERM: Ray puts its own in place, which knows of no checkpoint."""
+    """Keep this process's handler of SIGTERM; Ray installs its own, which writes no checkpoint."""
     before = signal.getsignal(signal.SIGTERM)
     try:
         yield

@@ -1,4 +1,4 @@
-"""Ray's workers as the trainer sees them: the newest weights go out, whole rollouts come in for an update."""
+"""Ray's workers for the trainer: sends out the newest weights, and collects rollouts for an update."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
 
 _LEAST_STORE = 100_000_000
-"""Bytes of shared memory; Ray takes no less than about that."""
+"""Bytes of shared memory; Ray needs at least about that."""
 
 
 class RayActors:
-    """N workers, each with a policy and environments of its own; nothing is started before `collect`."""
+    """N workers, each with its own policy and environments; the first `collect` starts them."""
 
     def __init__(
         self,
@@ -38,14 +38,14 @@ class RayActors:
         settings: TrainSettings,
         seed: int,
     ) -> None:
-        """Set out the parts.
+        """Set up the parts.
 
         Args:
             open_worlds: a module's function, or a partial of one, that opens the worlds on any node.
-            worlds: what it opens here.
+            worlds: the same, opened here.
             network: the learner changes it.
-            settings: of training.
-            seed: fixes what every worker plays; not which rollouts share an update.
+            settings: of the training.
+            seed: fixes what every worker plays, but not which rollouts share an update.
 
         Raises:
             ConfigError: Ray is not installed.
@@ -65,7 +65,7 @@ class RayActors:
         self._pool = WorkerPool(job, seed, self._gauges)
         self._size = self._own.training_batch or self._own.workers
         ends = list(accumulate(shares(self._own.envs_per_worker, len(worlds)), initial=0))
-        # A worker's columns of each world; in a rollout, those of all workers stand together.
+        # A worker's columns of each world; a rollout holds those of all workers, world by world.
         self._columns = {world.name: slice(*ends[i : i + 2]) for i, world in enumerate(worlds)}
         shape = network.shape
         self._space = observation_space(shape.size, shape.frames, crops=shape.crops)
@@ -73,14 +73,14 @@ class RayActors:
 
     @property
     def places(self) -> Mapping[str, slice]:
-        """The columns of a rollout that each of several worlds has."""
+        """The columns of a rollout that each world has, if there are several."""
         if len(self._columns) == 1:
             return {}
         size = self._size
         return {world: slice(own.start * size, own.stop * size) for world, own in self._columns.items()}
 
     def collect(self, epsilon: Epsilon) -> Rollout:
-        """The next rollouts that are whole, side by side, on the network's device.
+        """The next complete rollouts, side by side, on the network's device.
 
         Raises:
             TrainingError: a worker was lost too often, or the cluster has no room for any.
@@ -103,13 +103,13 @@ class RayActors:
         return self._rollout(played, epsilon)
 
     def measures(self) -> dict[str, float]:
-        """Workers, losses, lag and waiting of the time since the last call, as `ray/…`."""
+        """Metrics of workers, losses, lag and waiting since the last call, as `ray/…`."""
         found = {"workers_lost": 0.0, "steps_lost": 0.0} | self._gauges.read()
         found["workers"] = float(self._pool.playing)
         return {f"ray/{name}": value for name, value in found.items()}
 
     def state(self) -> dict[str, Tensor]:
-        """How many workers have begun: those of a resumed run play on with episodes not yet drawn."""
+        """The number of workers so far, so that those of a resumed run get other episodes."""
         return {"begun": torch.tensor(self._pool.begun)}
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
@@ -117,13 +117,13 @@ class RayActors:
         self._pool.begun = int(tensors["begun"])
 
     def close(self) -> None:
-        """End the workers, and the cluster where it was started here."""
+        """End the workers, and the cluster if it was started here."""
         if self._joined:
             self._joined = False
             self._pool.dismiss()
             cluster.leave()
 
-    # How it comes about.
+    # The cluster.
 
     def _join(self) -> None:
         if self._own.address is None:
@@ -133,33 +133,33 @@ class RayActors:
         self._joined = True
 
     def _store(self) -> int:
-        """Bytes of shared memory, ample for a few versions of the weights and two rollouts of each worker."""
+        """Bytes of shared memory for a few versions of the weights and two rollouts of each worker."""
         own = self._own
-        looks = 2 * own.workers * own.envs_per_worker * self._settings.length
-        look: int = sum(part.sample().nbytes for part in self._space.values())
+        views = 2 * own.workers * own.envs_per_worker * self._settings.length
+        view: int = sum(part.sample().nbytes for part in self._space.values())
         weights: int = 4 * sum(value.nbytes for value in self._network.state_dict().values())
-        return max(_LEAST_STORE, 2 * (looks * look + weights))
+        return max(_LEAST_STORE, 2 * (views * view + weights))
 
     def _sent_out(self) -> object:
-        """Ray's reference to the weights as they are now; a node fetches them once for all its workers."""
+        """Ray's reference to the current weights; a node fetches them once for all its workers."""
         weights = self._network.state_dict()
         arrays = {name: value.cpu().contiguous().numpy() for name, value in weights.items()}
         return cluster.import_ray().put(arrays)
 
     def _rollout(self, played: Sequence[tuple[Played, int]], epsilon: Epsilon) -> Rollout:
         network = self._network
-        device = network.value.weight.device
+        device = network.device
         trajectories = [
             Trajectory(
                 steps={name: array[:, columns] for name, array in one.steps.items()}
                 | {"version": np.full_like(one.steps["action"][:, columns], version)},
-                state=torch.tensor(one.state[columns], device=device),
+                state={name: torch.tensor(x[columns], device=device) for name, x in one.state.items()},
                 bootstrap=one.bootstrap[columns],
             )
             for columns in self._columns.values()
             for one, version in played
         ]
-        # What is left out by dropout is part of what was seen.
+        # Dropout's factors are part of the observation.
         parts = [name for name in (*self._space, "dropout") if name in trajectories[0].steps]
         rollout, _ = batch(trajectories, parts, network.tree.span(CLASSIFY), epsilon, device)
         return rollout

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from typing import Any, NamedTuple
@@ -14,7 +13,6 @@ import torch
 from numpy.typing import NDArray
 
 from activelsd.envs.actions import ActionTree
-from activelsd.envs.cache import CacheBusyError
 from activelsd.envs.joint import OpenWorld
 from activelsd.errors import DataError
 from activelsd.policy.heads import Epsilon
@@ -22,20 +20,17 @@ from activelsd.policy.lsdnet import LSDNet, NetworkShape
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.settings import TrainSettings
 
-_GLANCE = 1.0
-"""Seconds between two tries to open what another process of the node prepares."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
-    """What all workers are told.
+    """What all workers are given.
 
     Attributes:
-        open: opens the worlds where it is called; Ray sends functions of a module by their name.
-        fingerprint: of the worlds that the learner has.
+        open: opens the worlds in the process that calls it; Ray sends a module's functions by name.
+        fingerprint: of the learner's worlds.
         tree: the network's actions.
         shape: of the network.
-        settings: of training.
+        settings: of the training.
     """
 
     open: Callable[[], Sequence[OpenWorld]]
@@ -46,7 +41,7 @@ class Job:
 
 
 class WorkerLocation(NamedTuple):
-    """Where a worker is."""
+    """The node and process of a worker."""
 
     node: str  # Ray's id
     address: str  # of the node
@@ -57,7 +52,7 @@ class Played(NamedTuple):
     """L steps of B environments as plain arrays."""
 
     steps: dict[str, NDArray[Any]]  # each (L, B, ...), by the names that `trajectory.batch` takes
-    state: NDArray[np.float32]  # (B, width) memory before the first step
+    state: dict[str, NDArray[Any]]  # of the memory before the first step, each (B, ...)
     bootstrap: NDArray[np.float32]  # (B,) value of the state after the last step
 
 
@@ -65,11 +60,11 @@ class Worker:
     """Plays the training episodes of recorded worlds, L steps at a time, with the weights it is given."""
 
     def __init__(self, job: Job, seed: int) -> None:
-        """Be there; `seed` fixes episodes and actions."""
+        """Store the job; `begin` opens the worlds. `seed` fixes episodes and actions."""
         self._job, self._seed, self._version = job, seed, -1
 
     def where(self) -> WorkerLocation:
-        """Where Ray has put it."""
+        """The node and process in which Ray has put it."""
         import ray
 
         return WorkerLocation(
@@ -77,13 +72,13 @@ class Worker:
         )
 
     def begin(self) -> None:
-        """Open the worlds, which are prepared where this node has not got them yet, and start the episodes.
+        """Open the worlds, preparing those that this node does not have yet, and start the episodes.
 
         Raises:
-            UserError: a world cannot be opened, or is not the learner's.
+            UserError: a world cannot be opened, or differs from the learner's.
         """
-        torch.set_num_threads(1)  # there is a worker for every core
-        job, worlds = self._job, _opened(self._job.open)
+        torch.set_num_threads(1)  # each core has its own worker
+        job, worlds = self._job, self._job.open()
         if fingerprint(worlds) != job.fingerprint:
             raise DataError(
                 f"The worlds that {os.uname().nodename} opens are not those of the learner; give all nodes"
@@ -101,11 +96,11 @@ class Worker:
 
         Args:
             weights: the network's, by name.
-            version: of the weights; those it has already are not taken again.
+            version: of the weights, which are loaded only if it is new.
             epsilon: random exploration of branch and leaf.
         """
         if version != self._version:
-            # Copies: what Ray handles over lies in shared memory and is read-only.
+            # Copied, because Ray's arrays are read-only shared memory.
             self._network.load_state_dict({name: torch.tensor(array) for name, array in weights.items()})
             self._version = version
         rollout = self._actors.collect(Epsilon(*epsilon))
@@ -125,11 +120,12 @@ class Worker:
         if rollout.nearer is not None:
             steps["nearer"] = rollout.nearer
         arrays = {name: tensor.numpy() for name, tensor in steps.items()}
-        return Played(arrays, rollout.state.numpy(), rollout.bootstrap.numpy())
+        state = {name: tensor.numpy() for name, tensor in rollout.state.items()}
+        return Played(arrays, state, rollout.bootstrap.numpy())
 
 
 def fingerprint(worlds: Sequence[OpenWorld]) -> str:
-    """A digest of worlds without their pictures, of which only the shapes count.
+    """A digest of worlds; pictures count only by their shape.
 
     Pictures rendered on different processors may differ in a bit, and reading them all takes long.
     """
@@ -145,12 +141,3 @@ def fingerprint(worlds: Sequence[OpenWorld]) -> str:
             else:
                 digest.update(repr((field.name, value)).encode())
     return digest.hexdigest()
-
-
-def _opened(open_worlds: Callable[[], Sequence[OpenWorld]]) -> Sequence[OpenWorld]:
-    """The worlds, as soon as no other process of this node prepares them."""
-    while True:
-        try:
-            return open_worlds()
-        except CacheBusyError:  # noqa: PERF203  it is tried again, seconds later
-            time.sleep(_GLANCE)

@@ -1,4 +1,4 @@
-"""The workers of a run: hired, asked for rollouts one after the other, and replaced when they are lost."""
+"""The workers of a run: starts them, asks them for rollouts, and replaces lost ones."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from activelsd.train.actors.ray import cluster
 from activelsd.train.actors.ray.worker import Job, Played, Worker, WorkerLocation
 
 _GLANCE = 0.5
-"""Seconds between two looks at who is overdue."""
+"""Seconds between two checks for overdue workers."""
 
 _COLOUR = re.compile(r"\x1b\[\d*m")
-"""What Ray puts into its errors for a terminal."""
+"""A terminal's colour codes, which Ray puts into its errors."""
 
 log = logging.getLogger("activelsd.ray")
 
 
 class Policy(NamedTuple):
-    """What a worker is to play with."""
+    """The weights and exploration for a worker's next rollout."""
 
     weights: Any  # Ray's reference to arrays by name
     version: int
@@ -38,11 +38,11 @@ class Policy(NamedTuple):
 
 @dataclass(eq=False)
 class WorkerHandle:
-    """A worker as the learner knows it."""
+    """The learner's record of a worker."""
 
     number: int
     actor: Any = None  # Ray's handle
-    place: WorkerLocation | None = None  # None while the cluster has no room for it
+    place: WorkerLocation | None = None  # None while the cluster has no free CPU for it
     lost: int = 0  # how often
 
     def __str__(self) -> str:
@@ -53,46 +53,46 @@ class WorkerHandle:
 
 @dataclass(frozen=True, eq=False)
 class _Call:
-    """Something a worker was asked for."""
+    """A pending call of a worker."""
 
     handle: WorkerHandle
-    then: Callable[[WorkerHandle, Any], None]  # what is done with the answer
+    then: Callable[[WorkerHandle, Any], None]  # called with the result
     patience: float  # seconds
     deadline: float
-    version: int | None  # of the weights it plays with, where it plays
+    version: int | None  # of the weights, if the call plays a rollout
 
 
 class WorkerPool:
-    """N workers, each with one question to answer at any time, so that none plays far ahead of the learner.
+    """N workers, each with one pending call at any time, so that none plays far ahead of the learner.
 
     Attributes:
         handles: the workers.
-        begun: how many there have been, replaced ones included.
-        policy: what they play with from their next rollout on.
+        begun: how many were started so far, including those that were replaced.
+        policy: for their next rollouts.
     """
 
     def __init__(self, job: Job, seed: int, gauges: Gauges) -> None:
-        """Hire nobody yet; `seed` fixes what every worker plays."""
+        """Start no worker yet; `seed` fixes what every worker plays."""
         self._ray = cluster.import_ray()
         self._job, self._own, self._seed, self._gauges = job, job.settings.ray, seed, gauges
         self.handles = [WorkerHandle(number) for number in range(self._own.workers)]
         self.begun = 0
         self.policy: Policy | None = None
-        self._calls: dict[Any, _Call] = {}  # by Ray's reference to the answer, the oldest first
+        self._calls: dict[Any, _Call] = {}  # by Ray's reference to the result, the oldest first
         self._played: list[tuple[Played, int]] = []
 
     @property
     def playing(self) -> int:
-        """How many workers play by now."""
+        """How many workers are playing."""
         return sum(call.version is not None for call in self._calls.values())
 
     def start_workers(self) -> None:
-        """Have all workers made."""
+        """Start all workers."""
         for handle in self.handles:
             self._start_worker(handle)
 
     def rollouts(self, size: int) -> list[tuple[Played, int]]:
-        """So many rollouts, the oldest first, each with the version of the weights it was played with.
+        """The next `size` rollouts, the oldest first, each with the version of the weights that played it.
 
         Raises:
             TrainingError: a worker was lost too often, or the cluster has no room for any.
@@ -110,12 +110,12 @@ class WorkerPool:
         self._calls.clear()
         self.policy = None
 
-    # What a worker is asked for, one after the other.
+    # The calls of a worker, one after the other.
 
     def _start_worker(self, handle: WorkerHandle) -> None:
-        """Have a worker made wherever there is a CPU for it, with episodes that nobody has played."""
+        """Start a worker on any free CPU of the cluster, with episodes that no other has played."""
         begun, self.begun = self.begun, self.begun + 1
-        # Environments of a worker are seeded one after the other; 31 bits leave room for that.
+        # A worker's environments have consecutive seeds; 31 bits leave room for them.
         seed = int(np.random.SeedSequence(self._seed, spawn_key=(begun,)).generate_state(1)[0] >> 1)
         make = self._ray.remote(Worker).options(num_cpus=1, max_restarts=0, scheduling_strategy="SPREAD")
         handle.actor, handle.place = make.remote(self._job, seed), None
@@ -141,10 +141,10 @@ class WorkerPool:
     ) -> None:
         self._calls[answer] = _Call(handle, then, patience, time.monotonic() + patience, version)
 
-    # What becomes of it.
+    # Their results.
 
     def _hear(self, size: int) -> None:
-        """Take the answers that there are, the oldest question's first, while rollouts are missing."""
+        """Handle the results that are ready, the oldest call's first, while rollouts are missing."""
         answers = list(self._calls)
         self._ray.wait(answers, num_returns=1, timeout=_GLANCE)
         there = set(self._ray.wait(answers, num_returns=len(answers), timeout=0)[0])
@@ -182,14 +182,14 @@ class WorkerPool:
         text = f"{call.handle} has found no room for {call.patience:g} s: {cluster.room()}"
         if not any(handle.place for handle in self.handles):
             raise TrainingError(
-                f"{text}; free some or add nodes, or raise train.ray.start_timeout_s, and go on from the last"
-                " checkpoint."
+                f"{text}; free some or add nodes, or raise train.ray.start_timeout_s, and resume from"
+                " the last checkpoint."
             )
-        log.warning("%s. It waits on, and the others play without it.", text)
+        log.warning("%s. It keeps waiting, and the others play without it.", text)
         self._ask(call.handle, answer, inf, call.then)
 
     def _lose(self, call: _Call, how: str) -> None:
-        """Replace a worker, at most so many times; only what it had not handed over is lost."""
+        """Replace a worker, whose unfinished rollout is lost; too many losses raise TrainingError."""
         handle, own = call.handle, self._own
         handle.lost += 1
         steps = 0 if call.version is None else own.envs_per_worker * self._job.settings.length
@@ -198,8 +198,8 @@ class WorkerPool:
         self._dismiss(handle)
         if handle.lost > own.restarts:
             raise TrainingError(
-                f"{who} was lost {handle.lost} times, more than train.ray.restarts={own.restarts}; mend what"
-                f" fails there and go on from the last checkpoint. The last time it {how}"
+                f"{who} was lost {handle.lost} times, more than train.ray.restarts={own.restarts}; fix what"
+                f" fails there and resume from the last checkpoint. The last time it {how}"
             )
         log.warning(
             "%s %s\nAnother is started (%d of %d times); %d steps of an unfinished rollout are lost.",

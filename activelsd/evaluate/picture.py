@@ -1,4 +1,4 @@
-"""A comparison as a picture: filmstrips of episodes, accuracy against views, and when episodes end."""
+"""Draws a comparison: filmstrips of episodes, accuracy against views, and answers by views seen."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ OTHERS = ("#b0307a", "#7a5c00", "#3d6b21", "#4b4b9b")
 
 
 def draw(comparison: Comparison) -> bytes:
-    """The picture as PNG, 1600 x 1000."""
+    """Returns the picture as PNG, 1600 x 1000."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -58,7 +58,7 @@ def _about(comparison: Comparison) -> str:
 
 
 def _draw_accuracy(axes: Axes, players: Sequence[Standing]) -> None:
-    """Where each player ends, with intervals, and the way there with fewer views allowed."""
+    """Draws every player's result with intervals, and its accuracy if fewer views were allowed."""
     for i, one in enumerate(players):
         colour = REFERENCE if i == 0 else COLOURS.get(one.name, OTHERS[i % len(OTHERS)])
         allowed = np.array([[group.views, 100 * group.right / group.episodes] for group in one.allowed])
@@ -88,7 +88,7 @@ def _draw_accuracy(axes: Axes, players: Sequence[Standing]) -> None:
 
 
 def _draw_ends(axes: Axes, one: Standing) -> None:
-    """Episodes by views seen, right and wrong (the paper's Table 3)."""
+    """Draws right and wrong episodes by views seen (the paper's Table 3)."""
     views = [int(group.name) for group in one.seen]
     right = np.array([group.right for group in one.seen])
     wrong = np.array([group.episodes - group.right for group in one.seen])

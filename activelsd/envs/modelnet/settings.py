@@ -1,0 +1,94 @@
+"""The ModelNet world: objects on an orbit of twelve cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import Field, field_validator
+
+from activelsd import registry
+from activelsd.envs.settings import Progress, WorldSettings
+from activelsd.errors import ConfigError
+from activelsd.sections import AbsolutePath, Section
+
+if TYPE_CHECKING:
+    from activelsd.envs.viewgraph import ViewGraph
+
+
+class DatasetSettings(Section):
+    """Which objects there are, and which of them are for training and which for testing."""
+
+    path: AbsolutePath | None = Field(
+        None, description="folder or zip of meshes or of views; null: the embedded shapes"
+    )
+    split: Literal["official", "mvcnn", "lsdnet"] = Field(
+        "official", description="which objects train and test"
+    )
+    classes: tuple[str, ...] | None = Field(None, min_length=2, description="only these; null: every class")
+    train_per_class: int = Field(
+        150, ge=2, description="embedded shapes: objects to train on, a tenth for val"
+    )
+    test_per_class: int = Field(20, ge=1, description="embedded shapes: objects to test on")
+    seed: int = Field(0, ge=0, description="embedded shapes: seed of the objects")
+
+
+class ModelNetSettings(WorldSettings):
+    """Look at an object from a ring of cameras, step around it, and name it.
+
+    Observation and info are `ActiveVisionEnv`'s; the target fills the frame. Actions: the dataset's classes
+    in alphabetical order, then the moves. An episode begins at one of the 12 views of the first elevation
+    of an object of the split, both drawn uniformly.
+
+    Example:
+        >>> gymnasium.make("activelsd/World-v0", world="modelnet", navigate=["orbit_cw", "orbit_ccw"])
+    """
+
+    about: ClassVar[str] = "embedded shapes (16 classes), or meshes or views at env.dataset.path"
+
+    dataset: DatasetSettings = Field(DatasetSettings(), description="the objects")
+    elevations: tuple[Annotated[float, Field(ge=-89, le=89)], ...] = Field(
+        (30.0,), min_length=1, description="elevations of the cameras in degrees, lowest first"
+    )
+    navigate: tuple[str, ...] = Field(
+        ("orbit_cw", "orbit_ccw", "orbit_cw_90", "orbit_ccw_90"), min_length=1, description="moves, by name"
+    )
+
+    @field_validator("elevations")
+    @classmethod
+    def _lowest_first(cls, elevations: tuple[float, ...]) -> tuple[float, ...]:
+        rising = sorted(set(elevations))
+        if list(elevations) != rising:
+            named, right = (",".join(f"{x:g}" for x in some) for some in (elevations, rising))
+            raise ConfigError(
+                f"env.elevations=[{named}] must rise, since orbit_up goes to the next; write [{right}]."
+            )
+        return elevations
+
+    @classmethod
+    def moves(cls) -> Sequence[str]:
+        """Every orbit move there is, those of installed packages among them."""
+        return registry.orbit_moves.names()
+
+    def parts(self) -> Iterator[tuple[registry.Registry, str]]:
+        """The world and its orbit moves."""
+        yield from super().parts()
+        yield from ((registry.orbit_moves, name) for _, name in self.named_moves())
+
+    def graph(self, progress: Progress | None = None) -> ViewGraph:
+        """The objects' views, rendered now if they are not in the cache."""
+        from activelsd.envs.modelnet.datasets import open_dataset
+        from activelsd.envs.modelnet.orbit import ring_table, with_moves
+        from activelsd.envs.modelnet.prepare import open_views, prepare
+
+        names = [name for _, name in self.named_moves()]
+        ring_table(names, len(self.elevations))  # what does not fit is refused before minutes of rendering
+        dataset = open_dataset(self.dataset)
+        file = prepare(
+            dataset,
+            size=self.size,
+            elevations=self.elevations,
+            cache=self.cache_folder,
+            progress=progress,
+        )
+        return with_moves(open_views(file, dataset), self.move_branches)

@@ -1,0 +1,56 @@
+"""Recorded rooms as one graph of views, with the episodes that begin in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from activelsd.envs.oracle import with_oracle
+from activelsd.envs.settings import Progress
+from activelsd.envs.start_filters import check_starts, frozen_list
+from activelsd.envs.thor.recordings import recordings
+from activelsd.envs.thor.scenes import scenes
+from activelsd.envs.thor.settings import THORSettings
+from activelsd.envs.thor.starts import starts
+from activelsd.envs.viewgraph import SPLITS, ViewGraph, join, load_graph
+
+
+def recorded_rooms(
+    world: THORSettings, progress: Progress | None = None, *, pictures: bool = True
+) -> ViewGraph:
+    """The views of a world's rooms, recorded now if they are not in the cache.
+
+    Args:
+        world: its settings.
+        progress: called with the scenes that are recorded and all.
+        pictures: False for a table of what is seen where, its frames and crops zeros that take no room.
+
+    Raises:
+        DataError: a scene cannot be recorded, or no start is left.
+        UserError: AI2-THOR is not there, or cannot be started here.
+    """
+    split_of = {
+        name: split
+        for split in SPLITS
+        for room in world.scenes.rooms
+        for name in scenes((room,), split)[: getattr(world.scenes, split)]
+    }
+    parts = [load_graph(file) for file in recordings(world, list(split_of), progress)]
+    graph = starts(join(parts) if pictures else _table(parts), split_of, world.starts)
+    check_starts(graph)
+    if world.starts.per_target is not None:
+        graph = frozen_list(graph, world.starts.per_target)
+    return with_oracle(graph.with_moves(world.move_branches))
+
+
+def _table(parts: Sequence[ViewGraph]) -> ViewGraph:
+    """Recordings joined without reading their pictures."""
+    size = parts[0].size
+    graph = join([replace(one, frames=one.frames[:, :0, :0], crops=None) for one in parts])
+    assert graph.boxes is not None
+    frames, crops = (
+        np.broadcast_to(np.uint8(0), (rows, size, size)) for rows in (len(graph.moves), len(graph.boxes))
+    )
+    return replace(graph, frames=frames, crops=crops)

@@ -1,0 +1,158 @@
+"""The conformance suite of a world, for this package's own and for those of other packages.
+
+    from activelsd.testing import check_world
+
+    def test_my_world(tmp_path):
+        check_world(MySettings(path="a few pictures", cache=tmp_path / "cache"))
+
+The world must be registered, and small enough to be trained in for seconds.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils.env_checker import check_env
+
+from activelsd import registry
+from activelsd.build import open_recordings
+from activelsd.compose import load, resolve
+from activelsd.contest import contest
+from activelsd.envs.base import ActiveVisionEnv
+from activelsd.envs.graphenv import ViewGraphEnv, tree_of
+from activelsd.envs.settings import WorldSettings
+from activelsd.envs.soundness import check_graph
+from activelsd.envs.vector import ViewGraphVectorEnv
+from activelsd.envs.viewgraph import ViewGraph
+from activelsd.envs.world import world_settings
+from activelsd.launch import begin
+from activelsd.sections import dump
+from activelsd.train.actors.ray.worker import fingerprint
+
+_STEPS = 50
+
+
+def check_world(settings: WorldSettings, *, train_steps: int = 2000) -> None:
+    """Check that a world does what every world must.
+
+    Its settings survive their file, what it shows is sound, one environment plays as the batch does action
+    for action, Gymnasium's own checker is content, agents in other processes build the same world from its
+    settings, and a run trains in it and is compared.
+
+    Args:
+        settings: of a registered world.
+        train_steps: how long to train; 0 leaves training and comparing out.
+
+    Raises:
+        AssertionError: with what is wrong.
+        ActiveLSDError: the world cannot be opened or played, or its graph is not sound.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        words = _check_settings(settings, Path(folder))
+        graph = settings.open()
+        check_graph(graph)
+        _check_names(graph)
+        _check_moves(settings, graph)
+        _check_rebuilt(settings)
+        env = settings.env()
+        try:
+            check_env(env, skip_render_check=True)
+            _check_batch(env, graph, settings)
+        finally:
+            env.close()
+        if train_steps:
+            _check_run([*words, f"train.steps={train_steps}", f"runs={folder}", "threads=1"])
+
+
+def _check_settings(settings: WorldSettings, folder: Path) -> list[str]:
+    """The settings survive their file; the words that name it."""
+    name = registry.worlds.name_of(type(settings))
+    assert name == settings.name, (
+        f"{type(settings).__name__} is not registered, or another world has its name; see docs/extending.md"
+    )
+    assert settings.about, "the class attribute `about` says nothing"
+    file = folder / "world.yaml"
+    file.write_text(dump(settings))
+    words = [f"env={file}"]
+    config = resolve(words)
+    assert config.env == settings, f"the settings came back otherwise from their file: {config.env}"
+    whole = folder / "config.yaml"
+    whole.write_text(dump(config))
+    assert load(whole) == config, "a run's config came back otherwise from its file"
+    described = [name for name, field in type(settings).model_fields.items() if not field.description]
+    assert not described, f"the settings {described} have no description"
+    default = type(settings).model_fields["navigate"].default
+    assert set(default) <= set(settings.moves()), "a default move is not among `moves()`"
+    return words
+
+
+def _check_names(graph: ViewGraph) -> None:
+    """Views are told apart within their scene, and starts by their episode's id."""
+    views = set(zip(graph.scene_of.tolist(), graph.view_names, strict=True))
+    assert len(views) == len(graph.view_names), "two views of a scene have one name"
+    ids = {graph.episode(row).id for row in range(len(graph.start_view))}
+    assert len(ids) == len(graph.start_view), "two starts have one episode id"
+    for split in ("train", "test"):
+        graph.starts(split)
+
+
+def _check_moves(settings: WorldSettings, graph: ViewGraph) -> None:
+    assert graph.branches == settings.move_branches, (
+        f"the graph has the moves {graph.branches}, and {settings.move_branches} are asked for"
+    )
+
+
+def _check_rebuilt(settings: WorldSettings) -> None:
+    """What GA3C's agents and Ray's workers make of the settings is the same world."""
+    plain = json.loads(json.dumps(settings.model_dump(mode="json")))
+    again = world_settings(plain.pop("name"), plain)
+    assert again == settings, "the settings came back otherwise from JSON"
+    ours, theirs = (fingerprint(open_recordings({"world": one})) for one in (settings, again))
+    assert ours == theirs, "opened twice, the world is not the same"
+    env = gymnasium.make("activelsd/World-v0", world=settings.name, **plain)
+    tree = env.get_wrapper_attr("tree")
+    env.close()
+    assert tree == tree_of(settings.open()), "Gymnasium's environment has other actions than the graph"
+
+
+def _check_batch(env: ActiveVisionEnv, graph: ViewGraph, settings: WorldSettings) -> None:
+    """A single environment and the batch see and get the same, action for action."""
+    if type(env) is not ViewGraphEnv:  # a live world shows what its simulator does
+        return
+    rules, backend = settings.rules.rules(), settings.made_by()
+    batch = ViewGraphVectorEnv(graph, rules, num_envs=1, frames=1, backend=backend)
+    seen, info = env.reset(seed=7)
+    many, infos = batch.reset(seed=7)
+    rng = np.random.default_rng(0)
+    for _ in range(_STEPS):
+        _same(seen, {name: value[0] for name, value in many.items()})
+        assert info["episode_id"] == infos["episode_id"][0], "the episodes differ"
+        mask = info["action_mask"]
+        assert np.array_equal(mask, infos["action_mask"][0]), "the legal actions differ"
+        action = rng.choice(np.flatnonzero(mask))
+        seen, reward, terminated, truncated, info = env.step(action)
+        many, rewards, ends, cuts, infos = batch.step(np.array([action]))
+        assert np.isclose(reward, rewards[0]), f"the rewards differ: {reward} and {rewards[0]}"
+        assert (terminated, truncated) == (ends[0], cuts[0]), "the ends of the episode differ"
+        if terminated or truncated:
+            seen, info = env.reset()
+
+
+def _same(one: dict[str, Any], other: dict[str, Any]) -> None:
+    assert one.keys() == other.keys(), f"what is seen differs: {sorted(one)} and {sorted(other)}"
+    for name, value in one.items():
+        assert np.array_equal(value, other[name]), f"`{name}` differs between one environment and the batch"
+
+
+def _check_run(words: list[str]) -> None:
+    """A short run trains, and is compared in every figure."""
+    run = begin(resolve(words))
+    comparisons, files = contest([str(run)], ["no_move", "random_walk"], [])
+    assert all(file.exists() for file in files), "a file of the comparison is missing"
+    names = [player.name for player in comparisons[0].players]
+    assert names[1:] == ["no_move", "random_walk"], f"the players were {names}"
