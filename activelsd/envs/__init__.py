@@ -30,18 +30,22 @@ def register() -> None:
 class _WhenImported(MetaPathFinder):
     """Registers the worlds right after Gymnasium's own import."""
 
+    _finding = False
+
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        if name != "gymnasium":
+        if name != "gymnasium" or self._finding:
             return None
-        sys.meta_path.remove(self)
+        self._finding = True  # the other finders look for it now
         spec = find_spec(name)
+        self._finding = False
         if spec is not None and isinstance(spec.loader, Loader):
             run = spec.loader.exec_module
 
             def exec_module(module: ModuleType) -> None:
                 run(module)
+                sys.meta_path.remove(self)  # only now: a spec may be asked for without an import
                 register()
 
             spec.loader.exec_module = exec_module  # type: ignore[method-assign]

@@ -33,9 +33,16 @@ def test_gymnasium_and_the_command_line_have_one_set_of_defaults(world: str) -> 
     assert settings.name == world
 
 
-@pytest.mark.parametrize("order", ["activelsd.envs, gymnasium", "gymnasium, activelsd.envs"])
-def test_importing_the_package_registers_the_worlds_whichever_comes_first(order: str) -> None:
-    code = f"import {order}; print(sorted(name for name in gymnasium.registry if 'activelsd' in name))"
+@pytest.mark.parametrize(
+    "imports",
+    [
+        "import activelsd.envs, gymnasium",
+        "import gymnasium, activelsd.envs",
+        "import activelsd.envs, importlib.util; importlib.util.find_spec('gymnasium'); import gymnasium",
+    ],
+)
+def test_importing_the_package_registers_the_worlds_whichever_comes_first(imports: str) -> None:
+    code = f"{imports}; print(sorted(name for name in gymnasium.registry if 'activelsd' in name))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     ids = [f"activelsd/{name}-v0" for name in ("AVD", "ModelNet", "THOR", "World")]
     assert done.stdout.strip() == str(ids)
