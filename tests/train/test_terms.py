@@ -18,7 +18,7 @@ from activelsd.errors import ConfigError, RunError, TrainingError
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.heads import FlatCategorical, TreeCategorical
 from activelsd.policy.lsdnet import LSDNet, Output
-from activelsd.registry import UnknownPartError
+from activelsd.registry import BrokenPartError, UnknownPartError
 from activelsd.train.learner import Learner
 from activelsd.train.parallel import Group
 from activelsd.train.rollout import Rollout
@@ -211,7 +211,7 @@ def test_a_term_that_is_no_scalar_or_not_finite_is_named(tmp_path: Path) -> None
     network, rollout = rollout_of()
     learner = Learner(network, TrainSettings(terms={"shapeless": 1.0}))
     with pytest.raises(
-        TrainingError, match=r"^The loss term 'shapeless' returned a tensor \(5, 6\) and must"
+        BrokenPartError, match=r"^The loss term 'shapeless' returns a tensor \(5, 6\) and must"
     ):
         learner.losses(rollout, NOW)
     with pytest.raises(
