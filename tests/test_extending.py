@@ -87,6 +87,8 @@ def test_a_package_brings_every_kind_of_part(
     monkeypatch.chdir(tmp_path)
     assert cli.main(["envs"]) == 0
     assert "env=turntable  (lsd-turntable 0.1.0)\n" in capsys.readouterr().out
+    cli.main(["doctor"])
+    assert "trunk strided            lsd-turntable 0.1.0\n" in capsys.readouterr().out
     world = ("env=turntable", f"env.path={photographs}", *PARTS, *SMALL)
     assert cli.main(["train", *world, "--dry-run"]) == 0
     said = capsys.readouterr().out
