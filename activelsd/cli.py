@@ -205,17 +205,25 @@ def _evaluate(arguments: argparse.Namespace, words: list[str]) -> int:
 
 
 def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
-    from activelsd.contest import contest
+    from activelsd.registry import players
 
     runs, settings = _runs_and_settings(words)
+    for name in arguments.baselines:  # before PyTorch is imported
+        players.check(name)
+    from activelsd.contest import contest
+
     return _show(*contest(runs, arguments.baselines, settings))
 
 
 def _runs_and_settings(words: list[str]) -> tuple[list[str], list[str]]:
     """Split words into folders of runs and settings; `split=val` is short for `evaluate.split=val`."""
-    from activelsd.config import EvaluateSettings
+    from activelsd.config import EvaluateSettings, RunConfig
 
     settings = [word for word in words if "=" in word]
+    known = {**EvaluateSettings.model_fields, **RunConfig.model_fields}
+    for key in (word.partition("=")[0] for word in settings):
+        if key.partition(".")[0] not in known:
+            raise UserError(f"{key} is not a setting; {did_you_mean(key, known)}")
     short = [word.partition("=")[0] in EvaluateSettings.model_fields for word in settings]
     whole = [f"evaluate.{word}" if own else word for word, own in zip(settings, short, strict=True)]
     return [word for word in words if "=" not in word], whole

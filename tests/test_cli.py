@@ -32,6 +32,26 @@ def test_help_is_quick_and_imports_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize(
+    "words",
+    [
+        "train env=modlnet",
+        "train env=thor env.strts.per_target=1",
+        "train env=modelnet env.navigate=orbit_cww",
+        "train env=modelnet policy.trunk=compct",
+        "compare --baselines randm_walk",
+        "compare splt=val",
+    ],
+)
+def test_a_mistyped_word_is_answered_before_anything_heavy_is_imported(words: str) -> None:
+    code = (
+        f"import sys; from activelsd.cli import main; code = main({words.split()!r})\n"
+        "print(code, sorted({'torch', 'numpy', 'gymnasium', 'h5py'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "2 []\n"
+
+
+@pytest.mark.parametrize(
     ("given", "spins"),
     [({}, "1000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "active"}, None)],
 )
