@@ -20,7 +20,6 @@ from activelsd.evaluate.compare import measure
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.policy.transfer import narrow, transfer
-from activelsd.registry import UnknownPartError
 from activelsd.sections import dump
 from activelsd.train.parallel import ALONE, Group
 from activelsd.train.run import CONFIG, Run, find_checkpoint
@@ -78,6 +77,7 @@ def begin(config: RunConfig) -> Path:
 def resume(folder: Path, words: Sequence[str]) -> Path:
     """Resume a run from its last checkpoint, or from the beginning if it has none, and return its folder."""
     run, config = Run(folder), resumed_config(folder, words)
+    check_parts(folder)  # loss terms and loggers are looked up late, after the worlds' work
     device = _device(config)
     with Group.joined(device) as group:
         worlds = open_worlds(config, group)
@@ -85,11 +85,7 @@ def resume(folder: Path, words: Sequence[str]) -> Path:
             temporary = folder / f"{CONFIG}.tmp"
             temporary.write_text(dump(config))
             temporary.replace(folder / CONFIG)
-        try:
-            return _train(config, run, worlds, device, group)
-        except UnknownPartError:  # of a loss term or logger, which no one looks up before
-            check_parts(folder)
-            raise
+        return _train(config, run, worlds, device, group)
 
 
 def resumed_config(folder: Path, words: Sequence[str]) -> RunConfig:
