@@ -13,8 +13,8 @@ from pathlib import Path
 
 import yaml
 
-from activelsd import registry
-from activelsd.config import JOINT, RunConfig
+from activelsd import registry, sections
+from activelsd.config import JOINT, JointSettings, RunConfig
 from activelsd.errors import ConfigError, did_you_mean
 from activelsd.presets import is_file, preset_file, read_settings
 from activelsd.sections import Schema, Setting, TextLoader, dump, flatten
@@ -244,8 +244,7 @@ def _members(layers: Mapping[str, Setting]) -> dict[str, str]:
         if ENV_NAME in layers:
             _check_world(layers[ENV_NAME])
         return {}
-    found = ((re.fullmatch(rf"{ENV}\.(\w+)\.name", key), setting) for key, setting in layers.items())
-    worlds = {match[1]: setting for match, setting in found if match}
+    worlds = {name: layers[f"{ENV}.{name}.name"] for name in sections.members(JointSettings, f"{ENV}.", layers)}
     for setting in worlds.values():
         _check_world(setting)
     return {name: str(setting.value) for name, setting in worlds.items()}
