@@ -7,15 +7,12 @@ import re
 from pathlib import Path
 
 from activelsd.envs.avd.scan import ANNOTATIONS, PHOTOGRAPHS, check_release
-from activelsd.envs.avd.settings import ScansSettings
+from activelsd.envs.avd.settings import SAMPLE_NOTE, ScansSettings
 from activelsd.envs.avd.splits import PUBLISHED, TEST_SCANS
 from activelsd.envs.cache import alone, writing
 from activelsd.envs.digest import code_digest
 from activelsd.envs.settings import Progress
 from activelsd.errors import DataError
-
-SAMPLE_NOTE = "sample.json"
-"""What the writer of sample scans leaves beside them."""
 
 _NAME = re.compile(r"[A-Za-z]+_\d+_\d+")
 

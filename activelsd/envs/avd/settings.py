@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from activelsd.envs.viewgraph import ViewGraph
 
 MOVES = ("forward", "backward", "left", "right", "rotate_cw", "rotate_ccw")
+SAMPLE_NOTE = "sample.json"
+"""File beside sample scans that says what they were made from."""
+
 HARDEST = 5
 """The data set grades boxes from 1, the easiest, to this."""
 

@@ -23,6 +23,7 @@ from scipy.io import savemat
 
 from activelsd.envs.avd.boxes import Box, visible_boxes
 from activelsd.envs.avd.homes import DEFAULT_SCANS, HEADINGS, INSTANCES, MOVES, Home, parsed
+from activelsd.envs.avd.settings import SAMPLE_NOTE
 from activelsd.envs.cache import alone, writing
 from activelsd.envs.cores import cores
 from activelsd.envs.digest import code_digest
@@ -124,7 +125,7 @@ def write_sample(
 
 def _claim(root: Path, settings: dict[str, int | str]) -> None:
     """Note what the sample in the folder is made from, or refuse a folder that holds something else."""
-    note = root / "sample.json"
+    note = root / SAMPLE_NOTE
     if note.exists():
         if note.read_text() != json.dumps(settings):
             raise DataError(f"{root} holds a sample of other settings; remove it or name another folder.")
