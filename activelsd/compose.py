@@ -244,7 +244,8 @@ def _members(layers: Mapping[str, Setting]) -> dict[str, str]:
         if ENV_NAME in layers:
             _check_world(layers[ENV_NAME])
         return {}
-    worlds = {name: layers[f"{ENV}.{name}.name"] for name in sections.members(JointSettings, f"{ENV}.", layers)}
+    names = sections.members(JointSettings, f"{ENV}.", layers)
+    worlds = {name: layers[f"{ENV}.{name}.name"] for name in names}
     for setting in worlds.values():
         _check_world(setting)
     return {name: str(setting.value) for name, setting in worlds.items()}

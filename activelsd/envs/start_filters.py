@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.oracle import with_oracle
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.errors import DataError
+
+
+def episodes(graph: ViewGraph, per_target: int | None, moves: Mapping[str, Sequence[str]]) -> ViewGraph:
+    """The graph of a world whose starts are filtered: with its frozen list, its moves and the oracle's views.
+
+    Args:
+        graph: with all moves and the starts that the world's own filters leave.
+        per_target: most validation and test starts of a target; None keeps them all.
+        moves: those asked for, by branch.
+
+    Raises:
+        DataError: no start is left in the training or test split.
+    """
+    check_starts(graph)
+    if per_target is not None:
+        graph = frozen_list(graph, per_target)
+    return with_oracle(graph.with_moves(moves))
 
 
 def frozen_list(graph: ViewGraph, per_target: int, seed: int = 0) -> ViewGraph:

@@ -132,8 +132,7 @@ class AVDSettings(WorldSettings):
         from activelsd.envs.avd.prepare import prepare
         from activelsd.envs.avd.splits import split_scans
         from activelsd.envs.avd.starts import read_scores, starts, starts_by_score
-        from activelsd.envs.oracle import with_oracle
-        from activelsd.envs.start_filters import check_starts, frozen_list
+        from activelsd.envs.start_filters import episodes
         from activelsd.envs.viewgraph import load_graph
 
         data, cache = self.dataset, self.cache_folder
@@ -145,8 +144,5 @@ class AVDSettings(WorldSettings):
         if self.starts.scores is not None:
             scores = read_scores(graph, self.starts.scores)
             graph = starts_by_score(graph, scores, self.starts.threshold)
-        check_starts(graph)
-        if self.starts.per_target is not None:
-            graph = frozen_list(graph, self.starts.per_target)
-        graph = with_oracle(graph.with_moves(self.move_branches))
+        graph = episodes(graph, self.starts.per_target, self.move_branches)
         return by_category(graph) if self.task == "category" else graph

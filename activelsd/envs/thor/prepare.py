@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from activelsd.envs.oracle import with_oracle
 from activelsd.envs.settings import Progress
-from activelsd.envs.start_filters import check_starts, frozen_list
+from activelsd.envs.start_filters import episodes
 from activelsd.envs.thor.recordings import recordings
 from activelsd.envs.thor.scenes import scenes
 from activelsd.envs.thor.settings import THORSettings
@@ -39,10 +38,7 @@ def recorded_rooms(
     }
     parts = [load_graph(file) for file in recordings(world, list(split_of), progress)]
     graph = starts(join(parts) if pictures else _table(parts), split_of, world.starts)
-    check_starts(graph)
-    if world.starts.per_target is not None:
-        graph = frozen_list(graph, world.starts.per_target)
-    return with_oracle(graph.with_moves(world.move_branches))
+    return episodes(graph, world.starts.per_target, world.move_branches)
 
 
 def _table(parts: Sequence[ViewGraph]) -> ViewGraph:
