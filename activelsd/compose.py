@@ -5,7 +5,6 @@ Between the defaults and the presets stands what a world says of other groups: w
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Collection, Mapping, Sequence
 from itertools import product
@@ -18,6 +17,7 @@ from activelsd.config import JOINT, JointSettings, RunConfig
 from activelsd.errors import ConfigError, did_you_mean
 from activelsd.presets import is_file, preset_file, read_settings
 from activelsd.sections import Schema, Setting, TextLoader, dump, flatten
+from activelsd.versions import check_parts
 
 EXPERIMENT, ENV, ENV_NAME = "experiment", "env", "env.name"
 GROUPS = (ENV, EXPERIMENT, "policy", "train")
@@ -28,9 +28,6 @@ RENAMED = {
     "train.guided": "train.terms.guided",
 }
 """Settings of older runs by what they are called now."""
-
-VERSIONS = "versions.json"
-"""Beside a run's config: the versions of the packages that it was made with."""
 
 
 def resolve(words: Sequence[str]) -> RunConfig:
@@ -111,26 +108,6 @@ def load(file: Path) -> RunConfig:
     except ConfigError:
         check_parts(file.parent)
         raise
-
-
-def check_parts(folder: Path) -> None:
-    """Check that the packages are installed here which brought the parts of a run, where that is known.
-
-    Raises:
-        ConfigError: one is not.
-    """
-    kinds = {one.kind: one for one in registry.ALL}
-    try:
-        parts: dict[str, str] = json.loads((folder / VERSIONS).read_text())["parts"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return
-    for part, package in parts.items():
-        kind, _, name = part.rpartition(" ")
-        if kind in kinds and name not in kinds[kind].names():
-            raise ConfigError(
-                f"{folder} was made with the {kind} '{name}' of the package {package}, which is not installed"
-                f" here; install it with: pip install {package.split()[0]}"
-            )
 
 
 def change(config: RunConfig, words: Sequence[str], allowed: Collection[str], why: str) -> RunConfig:

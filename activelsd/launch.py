@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from activelsd.build import build_actors, build_device, build_shape, build_threads, open_recordings
-from activelsd.compose import change, check_parts, load
+from activelsd.compose import change, load
 from activelsd.config import RunConfig
 from activelsd.console import notice, progress
 from activelsd.envs.graphenv import tree_of
@@ -24,6 +24,7 @@ from activelsd.sections import dump
 from activelsd.train.parallel import ALONE, Group
 from activelsd.train.run import CONFIG, Run, find_checkpoint
 from activelsd.train.trainer import Trainer
+from activelsd.versions import check_parts
 
 INIT = "init.json"
 """File in a run's folder that says which weights it took over from another run."""

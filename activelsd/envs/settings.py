@@ -53,6 +53,11 @@ def _as_rules(value: object) -> object:
     """A preset's name or an `EpisodeRules` as settings; anything else is returned as it is."""
     if isinstance(value, str):
         return {"preset": value}
+    return plain(value)
+
+
+def plain(value: object) -> object:
+    """A dataclass, such as an `EpisodeRules`, as a dict; anything else is returned as it is."""
     return asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
 
 
@@ -167,11 +172,12 @@ class WorldSettings(Section):
 
         with registry.worlds.blaming(self.name, "fails"):
             graph = self.graph(progress)
-        if self.name not in registry.worlds.own():
-            try:
-                check_graph(graph)
-            except DataError as error:
-                raise registry.worlds.broken(self.name, f"has a graph in which {error}") from None
+        if self.name in registry.worlds.own():
+            return graph  # it has only the moves asked for, since its table and its oracle depend on them
+        try:
+            check_graph(graph)
+        except DataError as error:
+            raise registry.worlds.broken(self.name, f"has a graph in which {error}") from None
         return graph.with_moves(self.move_branches)
 
     @property

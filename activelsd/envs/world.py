@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from activelsd import registry
 from activelsd.envs.base import ActiveVisionEnv
-from activelsd.envs.settings import WorldSettings
+from activelsd.envs.settings import WorldSettings, plain
 from activelsd.errors import ConfigError, did_you_mean
 from activelsd.sections import Schema, Setting, flatten
 
@@ -66,10 +65,7 @@ def world_settings(world: str, keywords: Mapping[str, Any]) -> WorldSettings:
         ConfigError: the world, a setting or a value is not one there is.
     """
     model: type[WorldSettings] = registry.worlds.get(world)
-    given = {
-        key: asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
-        for key, value in keywords.items()
-    }
+    given = {key: plain(value) for key, value in keywords.items()}
     whole = Schema(model, {})
     layers = {_whole_key(key, whole): Setting(value) for key, value in flatten({**given, "name": world})}
     settings: WorldSettings = Schema(model, layers).build()

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 import shutil
 import time
 from collections.abc import Iterable, Mapping
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +16,7 @@ from activelsd.errors import RunError
 from activelsd.policy.checkpoint import MEANING, load_tensors, save_network, save_tensors
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.registry import Registry
+from activelsd.versions import write_versions
 
 CONFIG = "config.yaml"
 KEPT = 2
@@ -59,7 +58,7 @@ class Run:
                     f"{root} cannot hold runs ({error.strerror}); name another folder as runs=…"
                 ) from None
             break
-        (folder / "versions.json").write_text(json.dumps(_versions(parts), indent=1) + "\n")
+        write_versions(folder, parts)
         (folder / CONFIG).write_text(config)
         return cls(folder)
 
@@ -140,19 +139,3 @@ def find_checkpoint(path: Path) -> Path:
         RunError: the path is neither, or the run has no checkpoint yet.
     """
     return path if (path / MEANING).is_file() else Run(path).checkpoint
-
-
-def _versions(parts: Iterable[tuple[Registry, str]]) -> dict[str, Any]:
-    packages = ("activelsd", "torch", "numpy", "gymnasium", "embreex", "trimesh")
-    system = {"python": platform.python_version(), "platform": platform.platform()}
-    brought = {(kind.kind, name): kind.package(name) for kind, name in parts}
-    others = {f"{kind} {name}": " ".join(one) for (kind, name), one in brought.items() if one}
-    versions = system | {package: _version(package) for package in packages}
-    return versions | dict(one for one in brought.values() if one) | {"parts": others}
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "not installed"
