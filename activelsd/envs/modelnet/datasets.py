@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from activelsd.envs.modelnet import pictures
+from activelsd.envs.modelnet import pictures, points
 from activelsd.envs.modelnet.files import FOLDERS, Entry, Folder, Zip, class_folders, open_files
 from activelsd.envs.modelnet.readers import check_format
 from activelsd.envs.modelnet.settings import DatasetSettings
-from activelsd.envs.modelnet.sources import Item, MeshFiles, PictureFiles, Shapes, Source
+from activelsd.envs.modelnet.sources import FILES, Item, MeshFiles, PictureFiles, PointFiles, Shapes, Source
 from activelsd.envs.modelnet.splits import chosen, with_validation
 from activelsd.errors import ConfigError, DataError, did_you_mean
 
 _COMPANIONS = frozenset({".mtl", ".bin", ".txt", ".md", ".json", ".csv", ".tsv"})
 """Endings of what may lie beside meshes and pictures without being one."""
+
+_KINDS = dict.fromkeys(pictures.ENDINGS, "pictures") | dict.fromkeys(points.ENDINGS, "points")
+"""What files hold, by their ending; others are taken for meshes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +48,7 @@ def open_dataset(settings: DatasetSettings) -> Dataset:
     """The objects at a path, or the embedded shapes if there is none.
 
     What is at the path is found by looking: a folder, or the zip of it, with `CLASS/train` and `CLASS/test`,
-    holding either meshes or twelve pictures of each object.
+    holding meshes, point clouds, or twelve pictures of each object.
 
     Raises:
         DataError: nothing is there, its layout is another, or a class has nothing to train or test on.
@@ -115,27 +118,43 @@ def _shapes(settings: DatasetSettings) -> dict[str, list[_Object]]:
 
 def _in_files(
     files: Folder | Zip, classes: Sequence[str] | None
-) -> tuple[dict[str, list[_Object]], MeshFiles | PictureFiles]:
+) -> tuple[dict[str, list[_Object]], MeshFiles | PointFiles | PictureFiles]:
     """The objects of every class asked for, and what makes them."""
     folders = class_folders(files)
     entries = {
         category: _objects_only(files, folders[category])
         for category in _asked(tuple(folders), classes, str(files.root))
     }
-    kinds: dict[bool, str] = {}
-    for entry in (entry for own in entries.values() for entry in own):
-        kinds.setdefault(_is_picture(entry), files.where(entry.path))
-    if len(kinds) == 2:
-        raise DataError(
-            f"{files.root} holds meshes ({kinds[False]}) and pictures ({kinds[True]}) side by side;"
-            " keep the one kind or the other."
+    kind = _kind(files, [entry for own in entries.values() for entry in own])
+    source = FILES[kind](files=files)
+    if kind == "pictures":
+        return {c: _pictured(files, c, own) for c, own in entries.items()}, source
+    if kind == "meshes":
+        for ending in sorted({PurePosixPath(e.path).suffix.lower() for own in entries.values() for e in own}):
+            example = next(e for own in entries.values() for e in own if e.path.lower().endswith(ending))
+            check_format(ending, files.where(example.path))
+    return {c: [_in_one_file(e) for e in own] for c, own in entries.items()}, source
+
+
+def kind_at(path: Path) -> str:
+    """What lies at a path: `meshes`, `points` or `pictures`. Raises DataError as `open_dataset` does."""
+    files = open_files(path)
+    return _kind(files, [e for own in class_folders(files).values() for e in _objects_only(files, own)])
+
+
+def _kind(files: Folder | Zip, entries: Sequence[Entry]) -> str:
+    """What files are; `meshes` if there are none. Raises DataError if they are not of one kind."""
+    found: dict[str, str] = {}
+    for entry in entries:
+        ending = PurePosixPath(entry.path).suffix.lower()
+        kind = (
+            "pictures" if ending in pictures.ENDINGS else "points" if ending in points.ENDINGS else "meshes"
         )
-    if True in kinds:
-        return {c: _pictured(files, c, own) for c, own in entries.items()}, PictureFiles(files=files)
-    for ending in sorted({PurePosixPath(e.path).suffix.lower() for own in entries.values() for e in own}):
-        example = next(e for own in entries.values() for e in own if e.path.lower().endswith(ending))
-        check_format(ending, files.where(example.path))
-    return {c: [_meshed(e) for e in own] for c, own in entries.items()}, MeshFiles(files=files)
+        found.setdefault(kind, files.where(entry.path))
+    if len(found) > 1:
+        these = " and ".join(f"{kind} ({example})" for kind, example in sorted(found.items()))
+        raise DataError(f"{files.root} holds {these} side by side; keep the one kind or the other.")
+    return next(iter(found), "meshes")
 
 
 def _asked(known: Sequence[str], classes: Sequence[str] | None, origin: str) -> list[str]:
@@ -161,11 +180,7 @@ def _objects_only(files: Folder | Zip, entries: Sequence[Entry]) -> list[Entry]:
     return objects
 
 
-def _is_picture(entry: Entry) -> bool:
-    return PurePosixPath(entry.path).suffix.lower() in pictures.ENDINGS
-
-
-def _meshed(entry: Entry) -> _Object:
+def _in_one_file(entry: Entry) -> _Object:
     return _Object(entry.category, entry.folder, PurePosixPath(entry.path).stem, (entry.path,), entry.stamp)
 
 

@@ -20,7 +20,7 @@ class DatasetSettings(Section):
     """Which objects there are, and which of them are for training and which for testing."""
 
     path: AbsolutePath | None = Field(
-        None, description="folder or zip of meshes or of views; null: the embedded shapes"
+        None, description="folder or zip of meshes, point clouds or views; null: the embedded shapes"
     )
     split: Literal["official", "mvcnn", "lsdnet"] = Field(
         "official", description="which objects train and test"
@@ -44,7 +44,7 @@ class ModelNetSettings(WorldSettings):
         >>> gymnasium.make("activelsd/World-v0", world="modelnet", navigate=["orbit_cw", "orbit_ccw"])
     """
 
-    about: ClassVar[str] = "embedded shapes (16 classes), or meshes or views at env.dataset.path"
+    about: ClassVar[str] = "embedded shapes (16 classes), or meshes, points or views at env.dataset.path"
 
     dataset: DatasetSettings = Field(DatasetSettings(), description="the objects")
     elevations: tuple[Annotated[float, Field(ge=-89, le=89)], ...] = Field(
@@ -69,6 +69,13 @@ class ModelNetSettings(WorldSettings):
     def moves(cls) -> Sequence[str]:
         """Every orbit move there is, those of installed packages among them."""
         return registry.orbit_moves.names()
+
+    def made_by(self) -> str:
+        """`modelnet`, or `modelnet-points` for point clouds drawn as discs."""
+        from activelsd.envs.modelnet.datasets import kind_at
+
+        path = self.dataset.path
+        return "modelnet-points" if path is not None and kind_at(path) == "points" else "modelnet"
 
     def parts(self) -> Iterator[tuple[registry.Registry, str]]:
         """The world and its orbit moves."""

@@ -1,4 +1,4 @@
-"""Where the views of objects come from: mesh files, pictures rendered by others, or embedded shapes.
+"""Where the views of objects come from: files of meshes, points or pictures, or embedded shapes.
 
 A source can be described in JSON (`spec`), so that another process can make the same one.
 """
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from activelsd.envs.modelnet.files import FOLDERS, Folder, Zip, open_files
 from activelsd.envs.modelnet.pictures import decode
+from activelsd.envs.modelnet.points import decode_points
 from activelsd.envs.modelnet.readers import decode_mesh
 from activelsd.envs.workers import Work
 from activelsd.errors import DataError
@@ -70,6 +71,31 @@ class MeshFiles:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PointFiles:
+    """Point clouds of a folder or zip, drawn as discs."""
+
+    files: Folder | Zip
+
+    def mesh(self, item: Item) -> Mesh:
+        """The discs of an item. Raises DataError that names the file if it is broken."""
+        from activelsd.scenery.discs import disc_mesh  # meshes and pictures do without it
+
+        (path,) = item.parts
+        name = self.files.where(path)
+        points = decode_points(self.files.read(path), name)
+        with _naming(name):
+            return disc_mesh(points.positions, points.normals)
+
+    def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
+        """See `Source`."""
+        return _rendered(self.mesh(item), self.files.where(item.parts[0]), size, elevations)
+
+    def spec(self) -> dict[str, str | int]:
+        """See `Source`."""
+        return {"kind": "points", "path": str(self.files.root)}
+
+
+@dataclass(frozen=True, kw_only=True)
 class PictureFiles:
     """Views rendered by others, in a folder or zip."""
 
@@ -118,7 +144,15 @@ def source_from(spec: dict[str, str | int]) -> Source:
     if spec["kind"] == "shapes":
         return Shapes(seed=int(spec["seed"]))
     files = open_files(Path(str(spec["path"])))
-    return MeshFiles(files=files) if spec["kind"] == "meshes" else PictureFiles(files=files)
+    return FILES[str(spec["kind"])](files=files)
+
+
+FILES: Mapping[str, type[MeshFiles] | type[PointFiles] | type[PictureFiles]] = {
+    "meshes": MeshFiles,
+    "points": PointFiles,
+    "pictures": PictureFiles,
+}
+"""What makes the views, by the kind of the files."""
 
 
 @contextmanager
@@ -136,7 +170,14 @@ def renderer(job: Mapping[str, Any]) -> Iterator[Work]:
 def _rendered(mesh: Mesh, name: str, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
     from activelsd.scenery.orbit_renderer import render_views  # embree is not needed for pictures
 
-    try:
+    with _naming(name):
         return render_views(mesh, size=size, azimuths=AZIMUTHS, elevations=elevations)
+
+
+@contextmanager
+def _naming(name: str) -> Iterator[None]:
+    """Adds the name of the object to a DataError inside."""
+    try:
+        yield
     except DataError as error:
         raise DataError(f"{name} cannot be rendered: {str(error)[0].lower()}{str(error)[1:]}") from None
