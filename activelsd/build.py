@@ -37,7 +37,7 @@ def open_recordings(
 
 
 def build_shape(settings: PolicySettings, *graphs: ViewGraph) -> NetworkShape:
-    """The network's shape for graphs whose frames have one size."""
+    """The network's shape for graphs whose frames have one size and colour."""
     return NetworkShape(
         trunk=settings.trunk.kind,
         trunk_settings=settings.trunk.own(),
@@ -46,6 +46,7 @@ def build_shape(settings: PolicySettings, *graphs: ViewGraph) -> NetworkShape:
         head=settings.head,
         size=graphs[0].size,
         frames=settings.frames,
+        channels=graphs[0].channels,
         crops=any(graph.crops is not None for graph in graphs),
     )
 

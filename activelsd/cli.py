@@ -177,7 +177,8 @@ def _prepare(arguments: argparse.Namespace, words: list[str]) -> int:
         if len(config.worlds) > 1:
             print(f"World {name}")
         print(f"{len(graph.targets)} objects of {len(graph.classes)} classes")
-        print(f"{len(graph.frames)} views of {graph.size} pixels")
+        coloured = " in colour" if graph.channels > 1 else ""
+        print(f"{len(graph.frames)} views of {graph.size} pixels{coloured}")
         print(f"Starts of episodes: {starts}")
     return 0
 

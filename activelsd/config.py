@@ -53,6 +53,9 @@ class JointSettings(Section):
         if len({world.size for world in self.worlds.values()}) > 1:
             sizes = " and ".join(f"env.{name}.size={world.size}" for name, world in self.worlds.items())
             raise ConfigError(f"One network needs frames of one size, not {sizes}; set env.size.")
+        if len({world.colour for world in self.worlds.values()}) > 1:
+            colours = " and ".join(f"env.{name}.colour={world.colour}" for name, world in self.worlds.items())
+            raise ConfigError(f"One network needs pictures of one colour, not {colours}; set env.colour.")
         return self
 
 

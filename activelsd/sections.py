@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin
 
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError
@@ -21,6 +21,9 @@ from activelsd.errors import ConfigError, did_you_mean
 
 AbsolutePath = Annotated[Path, AfterValidator(lambda path: path.expanduser().absolute())]
 """A path kept absolute, so that a run's config means the same from every folder."""
+
+Colour = Literal["gray", "rgb"]
+"""What a picture has: one channel, or red, green and blue."""
 
 
 class Section(BaseModel):

@@ -89,7 +89,10 @@ def recognise(
         if network.shape.crops and graph.crops is not None:
             pictures["crops"] = graph.crops[pair[some]]
         frames = network.shape.frames
-        looks = {name: torch.from_numpy(x[:, None].repeat(frames, 1)) for name, x in pictures.items()}
+        looks = {
+            name: torch.from_numpy(x[:, None].repeat(frames, 1)).flatten(1, -3)
+            for name, x in pictures.items()
+        }
         boxes = np.concatenate([graph.boxes[pair[some]], np.ones((len(pair[some]), 1), np.float32)], 1)
         looks["target"] = torch.from_numpy(boxes[:, None].repeat(frames, 1))
         n = len(boxes)

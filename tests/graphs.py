@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activelsd.envs.modelnet.datasets import Dataset, open_dataset
 from activelsd.envs.modelnet.orbit import AZIMUTHS, with_moves
@@ -114,6 +116,18 @@ def room_graph(*, crops: bool = True, size: int = 12, rooms: int = 3, seed: int 
         boxes=np.concatenate([centre, extent], 1).astype(np.float32),
         crops=pictures if crops else None,
     )
+
+
+def coloured(graph: ViewGraph, seed: int = 0) -> ViewGraph:
+    """The graph with pictures of random hues, in which every channel counts."""
+    rng = np.random.default_rng(seed)
+
+    def tinted(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        hue = rng.uniform(0.3, 1.0, (len(gray), 3, 1, 1))
+        return np.asarray(np.rint(gray[:, None] * hue), np.uint8)
+
+    crops = None if graph.crops is None else tinted(graph.crops)
+    return replace(graph, frames=tinted(graph.frames), crops=crops)
 
 
 def opened(path: Path | None, **options: object) -> Dataset:

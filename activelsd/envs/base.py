@@ -17,8 +17,8 @@ from activelsd.errors import ConfigError, did_you_mean
 Observation = dict[str, NDArray[Any]]
 
 
-def observation_space(size: int, frames: int, *, crops: bool) -> gymnasium.spaces.Dict:
-    """The observations of every world: `frames` (K, S, S), `target` (K, 5), optionally `crops` (K, S, S).
+def observation_space(size: int, frames: int, *, crops: bool, channels: int = 1) -> gymnasium.spaces.Dict:
+    """The observations of every world: `frames` (K C, S, S), `target` (K, 5), optionally `crops` (K C, S, S).
 
     Raises:
         ConfigError: `frames` is less than 1.
@@ -26,11 +26,11 @@ def observation_space(size: int, frames: int, *, crops: bool) -> gymnasium.space
     if frames < 1:
         raise ConfigError(f"frames={frames} stacks no view; set it to at least 1.")
     spaces: dict[str, gymnasium.Space[Any]] = {
-        "frames": gymnasium.spaces.Box(0, 255, (frames, size, size), np.uint8),
+        "frames": gymnasium.spaces.Box(0, 255, (frames * channels, size, size), np.uint8),
         "target": gymnasium.spaces.Box(0.0, 1.0, (frames, 5), np.float32),
     }
     if crops:
-        spaces["crops"] = gymnasium.spaces.Box(0, 255, (frames, size, size), np.uint8)
+        spaces["crops"] = gymnasium.spaces.Box(0, 255, (frames * channels, size, size), np.uint8)
     return gymnasium.spaces.Dict(spaces)
 
 
@@ -43,9 +43,10 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
     are legal then. `info["action_mask"]` marks the legal actions. An agent that repeats a blocked move is
     blocked again; one that moves at the last action ends the episode without an answer.
 
-    Observation: `Dict` of `frames` uint8 (K, S, S), newest last, with K copies of the first view at reset;
-    `target` float32 (K, 5), the box as fractions of the frame and whether it is in sight; `crops` uint8
-    (K, S, S) if `crops` is on. It contains no label, pose or scene.
+    Observation: `Dict` of `frames` uint8 (K C, S, S), K views of C channels each (1 in gray; 3, red, green
+    and blue, in colour), newest last, with K copies of the first view at reset; `target` float32 (K, 5), the
+    box as fractions of the frame and whether it is in sight; `crops` uint8 (K C, S, S) if `crops` is on. It
+    contains no label, pose or scene.
 
     Info: `views` seen so far, `moved` (the last action changed the view), `action_mask` bool (n,), and about
     the episode `episode_id` (pass it to `reset(options={"episode": id})` to replay), `scene`, `target`,
@@ -75,6 +76,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         size: int,
         frames: int,
         crops: bool,
+        channels: int = 1,
         backend: str,
         render_mode: str | None = None,
     ) -> None:
@@ -83,7 +85,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         self.backend = backend
         self.render_mode = render_mode
         # Gymnasium's types say that a Dict holds spaces; its elements are arrays.
-        space = observation_space(size, frames, crops=crops)
+        space = observation_space(size, frames, crops=crops, channels=channels)
         self.observation_space = cast("gymnasium.Space[Observation]", space)
         self.action_space = gymnasium.spaces.Discrete(tree.n)
         self._answers = tree.span(CLASSIFY)
@@ -159,7 +161,10 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         """The newest frame as RGB (S, S, 3) in mode `rgb_array`."""
         if self.render_mode is None or not self._seen:
             return None
-        return np.repeat(self._seen[-1].frame[:, :, None], 3, axis=2)
+        newest = self._seen[-1].frame
+        if newest.ndim == 2:
+            return np.repeat(newest[:, :, None], 3, axis=2)
+        return np.ascontiguousarray(newest.transpose(1, 2, 0))
 
     def action_mask(self) -> NDArray[np.bool_]:
         """bool (n,): the legal actions; only answers if the rules forbid moves or this action is the last."""
@@ -172,11 +177,11 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
 
     def _observation(self) -> Observation:
         observation: Observation = {
-            "frames": np.stack([view.frame for view in self._seen]),
+            "frames": _stacked([view.frame for view in self._seen]),
             "target": np.stack([view.target for view in self._seen]),
         }
         if self._crops:
-            observation["crops"] = np.stack([view.crop for view in self._seen if view.crop is not None])
+            observation["crops"] = _stacked([view.crop for view in self._seen if view.crop is not None])
         return observation
 
     def _info(self, *, moved: bool) -> dict[str, Any]:
@@ -197,3 +202,8 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         if episode.oracle_views is not None:
             info["oracle_views"] = episode.oracle_views
         return info
+
+
+def _stacked(pictures: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """(K C, S, S) of K pictures, (S, S) or (C, S, S)."""
+    return np.stack(pictures).reshape(-1, *pictures[0].shape[-2:])

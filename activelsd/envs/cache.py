@@ -10,6 +10,7 @@ import fcntl
 import hashlib
 import json
 import logging
+import math
 import os
 import re
 import sys
@@ -164,7 +165,7 @@ class PartialGraph:
         self._key = key
         self._partial = path.with_name(path.name + ".partial")
         self._bounds = {name: np.concatenate([[0], rows]) for name, rows in ends.items()}
-        self._row_bytes = graph.size * graph.size
+        self._row_bytes = math.prod(graph.frames.shape[1:])
         blocks = len(next(iter(ends.values())))
         with writing(path.parent):
             self._at = self._places() or self._begin(graph, blocks, names)

@@ -17,9 +17,9 @@ WHOLE_FRAME = (0.5, 0.5, 1.0, 1.0, 1.0)
 class View(NamedTuple):
     """What the agent sees at one place."""
 
-    frame: NDArray[np.uint8]  # (S, S) gray
+    frame: NDArray[np.uint8]  # (S, S) gray, or (3, S, S) red, green and blue
     target: NDArray[np.float32]  # (5,) box centre, width, height as fractions of the frame; present 0 or 1
-    crop: NDArray[np.uint8] | None = None  # (S, S) the box cropped from the full-resolution image
+    crop: NDArray[np.uint8] | None = None  # ([3,] S, S) the box cropped from the full-resolution image
 
 
 @dataclass(frozen=True, kw_only=True)

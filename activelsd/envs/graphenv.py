@@ -41,6 +41,7 @@ class ViewGraphEnv(ActiveVisionEnv):
             size=graph.size,
             frames=frames,
             crops=graph.crops is not None,
+            channels=graph.channels,
             backend=backend,
             render_mode=render_mode,
         )

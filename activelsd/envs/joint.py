@@ -70,7 +70,7 @@ class JointVectorEnv:
         """Joins the worlds' environments.
 
         Raises:
-            ConfigError: two worlds have frames of different sizes.
+            ConfigError: two worlds have frames of different sizes, or one is in gray and one in colour.
         """
         self.parts = dict(parts)
         envs = list(parts.values())
@@ -79,6 +79,12 @@ class JointVectorEnv:
             each = ", ".join(f"{name} {size}" for name, size in sizes.items())
             raise ConfigError(
                 f"Worlds played together need frames of one size, not {each} pixels; set env.size."
+            )
+        colours = {name: "gray" if part.graph.channels == 1 else "rgb" for name, part in parts.items()}
+        if len(set(colours.values())) > 1:
+            each = ", ".join(f"{name} {colour}" for name, colour in colours.items())
+            raise ConfigError(
+                f"Worlds played together need pictures of one colour, not {each}; set env.colour."
             )
         self.tree = union([part.tree for part in envs])
         self.device = envs[0].device
@@ -100,7 +106,7 @@ class JointVectorEnv:
             part.begin(seed + self.places[name].start)
 
     def observe(self) -> dict[str, Tensor]:
-        """`frames` uint8 (B, K, S, S), `target` float32 (B, K, 5), and `crops` if any world has them."""
+        """`frames` uint8 (B, K C, S, S), `target` float32 (B, K, 5), and `crops` if any world has them."""
         seen = [part.observe() for part in self.parts.values()]
         observation = {name: torch.cat([one[name] for one in seen]) for name in ("frames", "target")}
         if self._crops:
@@ -162,7 +168,7 @@ def play_recordings(
     """Environments of the training split, for one world or shared evenly among several.
 
     Raises:
-        ConfigError: there are fewer environments than worlds, or the worlds' frames differ in size.
+        ConfigError: there are fewer environments than worlds, or the worlds' frames differ in size or colour.
         DataError: a world has no training episodes.
     """
     if num_envs < len(worlds):

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from activelsd import registry
 from activelsd.errors import ConfigError, DataError, did_you_mean
-from activelsd.sections import AbsolutePath, Section
+from activelsd.sections import AbsolutePath, Colour, Section
 
 if TYPE_CHECKING:  # settings are read, and complained of, before NumPy is imported
     from activelsd.envs.base import ActiveVisionEnv
@@ -83,6 +83,7 @@ class WorldSettings(Section):
 
     name: str = Field("", description="the world")
     size: int = Field(64, ge=32, le=512, description="side of frames and crops, in pixels")
+    colour: Colour = Field("gray", description="channels of the pictures: gray, or rgb for colour")
     branches: dict[str, tuple[str, ...]] = Field(
         {}, description="moves that stand in branches of their own, by the branch's name"
     )
@@ -163,7 +164,7 @@ class WorldSettings(Section):
         yield registry.worlds, self.name
 
     def open(self, progress: Progress | None = None) -> ViewGraph:
-        """`graph`, with the moves asked for in their branches.
+        """`graph`, with the moves asked for in their branches, and in the colour asked for.
 
         Raises:
             BrokenPartError: a world of another package fails, or its graph is not sound.
@@ -173,12 +174,13 @@ class WorldSettings(Section):
         with registry.worlds.blaming(self.name, "fails"):
             graph = self.graph(progress)
         if self.name in registry.worlds.own():
-            return graph  # it has only the moves asked for, since its table and its oracle depend on them
+            # It has only the moves asked for, since its table and its oracle depend on them.
+            return graph.in_colour(self.colour)
         try:
             check_graph(graph)
         except DataError as error:
             raise registry.worlds.broken(self.name, f"has a graph in which {error}") from None
-        return graph.with_moves(self.move_branches)
+        return graph.with_moves(self.move_branches).in_colour(self.colour)
 
     @property
     def move_branches(self) -> dict[str, tuple[str, ...]]:

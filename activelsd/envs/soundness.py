@@ -17,9 +17,10 @@ def check_graph(graph: ViewGraph) -> None:
     if not isinstance(graph, ViewGraph):
         raise DataError(f"there are no views: it is {type(graph).__name__} and must be a ViewGraph")
     views, targets, starts = len(graph.frames), len(graph.targets), len(graph.start_view)
-    side = graph.frames.shape[-1]
+    side = graph.frames.shape[-2]  # also if the channels come last, which is then said
+    picture = (3, side, side) if graph.frames.ndim == 4 else (side, side)
     shapes: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
-        "frames": ((views, side, side), np.uint8),
+        "frames": ((views, *picture), np.uint8),
         "moves": ((views, len(graph.move_names)), np.int32),
         "labels": ((targets,), np.int64),
         "scene_of": ((views,), np.int32),
@@ -40,7 +41,7 @@ def check_graph(graph: ViewGraph) -> None:
         shapes |= {"pair_of": ((views, targets), np.int32), "boxes": ((pairs, 4), np.float32)}
         limits["pair_of"] = (-1, pairs)
         if graph.crops is not None:
-            shapes["crops"] = ((pairs, side, side), np.uint8)
+            shapes["crops"] = ((pairs, *picture), np.uint8)
     for name, (shape, dtype) in shapes.items():
         array = getattr(graph, name)
         if not isinstance(array, np.ndarray):

@@ -69,7 +69,9 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self.graph, self.tree, self.rules = graph, tree_of(graph), rules
         self.device = torch.device(device)
         self.backend = backend
-        self.single_observation_space = observation_space(graph.size, frames, crops=graph.crops is not None)
+        self.single_observation_space = observation_space(
+            graph.size, frames, crops=graph.crops is not None, channels=graph.channels
+        )
         self.single_action_space = gymnasium.spaces.Discrete(self.tree.n)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -156,15 +158,15 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._target = self._start_target[self._row]
 
     def observe(self) -> dict[str, Tensor]:
-        """`frames` uint8 (B, K, S, S), `target` float32 (B, K, 5), and `crops` if the graph has them."""
-        observation = {"frames": _rows(self._frames, self._seen)}
+        """`frames` uint8 (B, K C, S, S), `target` float32 (B, K, 5), and `crops` if the graph has them."""
+        observation = {"frames": _pictures(self._frames, self._seen)}
         if self._pairs is None:
             observation["target"] = self._whole.expand(*self._seen.shape, 5)
         else:
             pairs = self._pairs[self._seen, self._target[:, None]]
             observation["target"] = _rows(self._boxes, pairs)
             if self.graph.crops is not None:
-                observation["crops"] = _rows(self._crops, pairs)
+                observation["crops"] = _pictures(self._crops, pairs)
         return observation
 
     @property
@@ -304,3 +306,8 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
 def _rows(table: Tensor, index: Tensor) -> Tensor:
     """`table[index]`, by `index_select`: it copies whole rows, while indexing copies byte by byte."""
     return table.index_select(0, index.flatten()).view(*index.shape, *table.shape[1:])
+
+
+def _pictures(table: Tensor, index: Tensor) -> Tensor:
+    """(B, K C, S, S) of the pictures, (N, [C,] S, S), at an index (B, K)."""
+    return _rows(table, index).flatten(1, -3)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -23,6 +23,9 @@ from activelsd.envs.actions import NAVIGATE
 from activelsd.envs.episode import WHOLE_FRAME, Episode
 from activelsd.errors import ConfigError, DataError, did_you_mean
 
+if TYPE_CHECKING:
+    from activelsd.sections import Colour
+
 SPLITS = ("train", "val", "test")
 FORMAT = "activelsd.viewgraph/1"
 
@@ -31,7 +34,7 @@ FORMAT = "activelsd.viewgraph/1"
 class ViewGraph:
     """V views, T targets, E episode starts. See the field comments for shapes."""
 
-    frames: NDArray[np.uint8]  # (V, S, S) gray
+    frames: NDArray[np.uint8]  # (V, S, S) gray, or (V, 3, S, S) red, green and blue; crops likewise
     moves: NDArray[np.int32]  # (V, n) view that each move leads to, -1 if it is blocked
     move_names: tuple[str, ...]  # n, unique; the moves of one branch are adjacent
     classes: tuple[str, ...]
@@ -47,7 +50,7 @@ class ViewGraph:
     # (V, T) row of `boxes`, -1 if the target is out of sight; None if the target fills every frame
     pair_of: NDArray[np.int32] | None = None
     boxes: NDArray[np.float32] | None = None  # (P, 4) cx, cy, w, h as fractions of the frame
-    crops: NDArray[np.uint8] | None = None  # (P, S, S) each box cropped from the full-resolution image
+    crops: NDArray[np.uint8] | None = None  # (P, [3,] S, S) each box cropped from the full-resolution image
     difficulty: NDArray[np.uint8] | None = None  # (P,) annotated difficulty of each box, 1 is easiest
     difficulty_names: tuple[str, ...] | None = None  # names of grades 1, 2, …; None: numbers
     pixels: NDArray[np.float32] | None = None  # (P,) fraction of the frame's pixels that show the target
@@ -60,7 +63,24 @@ class ViewGraph:
     @property
     def size(self) -> int:
         """Side of the frames in pixels."""
-        return int(self.frames.shape[1])
+        return int(self.frames.shape[-1])
+
+    @property
+    def channels(self) -> int:
+        """C, the channels of a picture: 1 in gray, 3 in colour."""
+        return 1 if self.frames.ndim == 3 else int(self.frames.shape[1])
+
+    def in_colour(self, colour: Colour) -> ViewGraph:
+        """The graph with pictures in `gray` or `rgb`.
+
+        Gray pictures in `rgb` have three equal channels, which take no memory; colour pictures in `gray` are
+        computed now.
+        """
+        if self.channels == (3 if colour == "rgb" else 1):
+            return self
+        change = _repeated if colour == "rgb" else _gray
+        crops = None if self.crops is None else change(self.crops)
+        return replace(self, frames=change(self.frames), crops=crops)
 
     @property
     def branches(self) -> dict[str, tuple[str, ...]]:
@@ -154,11 +174,28 @@ class ViewGraph:
         return box
 
     def crop(self, view: int, target: int) -> NDArray[np.uint8]:
-        """(S, S) crop of a target in a view; zeros if it is out of sight."""
+        """([3,] S, S) crop of a target in a view; zeros if it is out of sight."""
         if self.pair_of is None or self.crops is None:
             raise DataError("This recording has no crops; turn `crops` off or record again with crops.")
         pair = self.pair_of[view, target]
         return self.crops[pair] if pair >= 0 else np.zeros_like(self.frames[0])
+
+
+def _repeated(pictures: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(N, S, S) as (N, 3, S, S) whose channels share their memory."""
+    (n, height, width), (row, line, pixel) = pictures.shape, pictures.strides
+    # Not `broadcast_to`: PyTorch warns of arrays that cannot be written to.
+    return np.lib.stride_tricks.as_strided(pictures, (n, 3, height, width), (row, 0, line, pixel))
+
+
+def _gray(pictures: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(N, 3, S, S) as (N, S, S)."""
+    from activelsd.envs.colour import in_colour
+
+    gray = np.empty((len(pictures), *pictures.shape[2:]), np.uint8)
+    for i, picture in enumerate(pictures):
+        gray[i] = in_colour(picture.transpose(1, 2, 0), "gray")
+    return gray
 
 
 def join(graphs: Sequence[ViewGraph]) -> ViewGraph:

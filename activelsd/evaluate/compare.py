@@ -345,6 +345,12 @@ def _check_fits(entrant: Entrant) -> None:
             f"{entrant.name} was trained on pictures of {network.shape.size} pixels and this world's "
             f"have {graph.size}; set env.size={network.shape.size}."
         )
+    if network.shape.channels != graph.channels:
+        learned = "gray" if network.shape.channels == 1 else "rgb"
+        raise RunError(
+            f"{entrant.name} was trained on pictures in {learned} and this world's have {graph.channels} "
+            f"channel(s); set env.colour={learned}."
+        )
 
 
 def _check_same(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.colour import channels_last
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.evaluate.protocol import EpisodeRow
 
@@ -38,10 +39,10 @@ class Filmstrip(NamedTuple):
     """One episode as pictures."""
 
     row: EpisodeRow
-    frames: list[NDArray[np.uint8]]  # (S, S) for each view
+    frames: list[NDArray[np.uint8]]  # (S, S) or (S, S, 3) for each view
     moves: list[str]  # name of the move after each view but the last, or "blocked"
     boxes: list[NDArray[np.float32]]  # (5,) of the target in each view; empty if it fills every frame
-    crops: list[NDArray[np.uint8]]  # (S, S) for each view, zeros if out of sight; empty if the world has none
+    crops: list[NDArray[np.uint8]]  # likewise, zeros if out of sight; empty if the world has none
     plan: Plan | None  # if the scene's views have poses
 
 
@@ -98,10 +99,10 @@ def filmstrip(graph: ViewGraph, row: EpisodeRow) -> Filmstrip:
     target = graph.targets.index(row.target)
     return Filmstrip(
         row=row,
-        frames=[np.asarray(graph.frames[view]) for view in path],
+        frames=[channels_last(graph.frames[view]) for view in path],
         moves=[_move(graph, view, to) for view, to in pairwise(path)],
         boxes=[] if graph.pair_of is None else [graph.target_box(view, target) for view in path],
-        crops=[] if graph.crops is None else [graph.crop(view, target) for view in path],
+        crops=[] if graph.crops is None else [channels_last(graph.crop(view, target)) for view in path],
         plan=_plan(graph, scene, path),
     )
 

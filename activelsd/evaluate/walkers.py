@@ -37,7 +37,8 @@ class Blocked:
 
     def look(self, observation: Mapping[str, Tensor], first: Tensor) -> Tensor:
         """Returns whether the newest picture is the same as the one before in its episode, bool (B,)."""
-        frames, before = observation["frames"][:, -1], self._before
+        pictures, views = observation["frames"], observation["target"].shape[1]
+        frames, before = pictures[:, -(pictures.shape[1] // views) :], self._before
         self._before = frames
         if frames.shape != before.shape:
             return torch.zeros_like(first)

@@ -30,6 +30,7 @@ class NetworkShape:
         head: `tree` or `flat`.
         size: side of the frames in pixels.
         frames: K, how many frames are stacked as channels.
+        channels: C of each frame, 1 in gray and 3 in colour.
         crops: whether the trunk sees crops of the target, and `Surroundings` the whole frames.
     """
 
@@ -40,7 +41,13 @@ class NetworkShape:
     head: str = "tree"
     size: int = 64
     frames: int = 1
+    channels: int = 1
     crops: bool = False
+
+    @property
+    def inputs(self) -> int:
+        """K C, the channels of the trunk's input."""
+        return self.frames * self.channels
 
 
 class Output(NamedTuple):
@@ -69,17 +76,17 @@ class Surroundings(nn.Module):
     SIZE, FEATURES = 32, 64
     """Side in pixels to which frames are averaged, and width of their features."""
 
-    def __init__(self, frames: int, outputs: int) -> None:
+    def __init__(self, frames: int, channels: int, outputs: int) -> None:
         """Build for K stacked frames, and for as many outputs as there are logits and values to add to."""
         super().__init__()
-        self.trunk = Compact(frames, self.SIZE, self.FEATURES)
+        self.trunk = Compact(frames * channels, self.SIZE, self.FEATURES)
         self.join = nn.Sequential(nn.Linear(self.FEATURES + 5 * frames, self.FEATURES), nn.ReLU())
         self.outputs = nn.Linear(self.FEATURES, outputs)
         nn.init.zeros_(self.outputs.weight)
         nn.init.zeros_(self.outputs.bias)
 
     def forward(self, frames: Tensor, target: Tensor) -> Tensor:
-        """uint8 (N, K, S, S) and boxes float (N, 5 K) to (N, outputs)."""
+        """uint8 (N, K C, S, S) and boxes float (N, 5 K) to (N, outputs)."""
         small = functional.interpolate(as_input(frames), size=(self.SIZE, self.SIZE), mode="area")
         outputs: Tensor = self.outputs(self.join(torch.cat([self.trunk(small), target], 1)))
         return outputs
@@ -103,7 +110,7 @@ class LSDNet(nn.Module):
         self.tree, self.shape = tree, shape
         trunk, memory = registry.trunks.get(shape.trunk), registry.memories.get(shape.memory)
         with registry.trunks.blaming(shape.trunk, "cannot be made"):
-            self.trunk = trunk(shape.frames, shape.size, **shape.trunk_settings)
+            self.trunk = trunk(shape.inputs, shape.size, **shape.trunk_settings)
             width = int(self.trunk.features)
         with registry.memories.blaming(shape.memory, "cannot be made"):
             self.memory = memory(width, **shape.memory_settings)
@@ -116,7 +123,7 @@ class LSDNet(nn.Module):
             self.policy.weight.mul_(0.1)
             self.policy.bias.zero_()
         steering = branches + tree.n - tree.sizes[tree.branches.index(CLASSIFY)]
-        self.surroundings = Surroundings(shape.frames, steering + 1) if shape.crops else None
+        self.surroundings = Surroundings(shape.frames, shape.channels, steering + 1) if shape.crops else None
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     @property
@@ -132,7 +139,7 @@ class LSDNet(nn.Module):
             BrokenPartError: one fails, or returns something of another shape than it must.
         """
         shape, trunks, memories = self.shape, registry.trunks, registry.memories
-        views = torch.zeros(2, shape.frames, shape.size, shape.size, dtype=torch.uint8, device=self.device)
+        views = torch.zeros(2, shape.inputs, shape.size, shape.size, dtype=torch.uint8, device=self.device)
         self.eval()
         with trunks.blaming(shape.trunk, "fails on a blank view"):
             features = self.trunk(views)
@@ -162,7 +169,7 @@ class LSDNet(nn.Module):
         """Run over L steps of B episodes.
 
         Args:
-            observation: `frames` uint8 (L, B, K, S, S), `target` (L, B, K, 5), `crops` like frames; if a
+            observation: `frames` uint8 (L, B, K C, S, S), `target` (L, B, K, 5), `crops` like frames; if a
                 world has none, its frames take their place, since the target fills them. In training
                 also `dropout` float (L, B, memory.outputs), factors for the memory's outputs.
             state: of the memory before the first step.

@@ -104,6 +104,8 @@ def _settings(shape: NetworkShape) -> Iterator[tuple[str, Any]]:
         if name.endswith("_settings"):
             part = name.removesuffix("_settings")
             yield from ((f"policy.{part}.{key}", one) for key, one in value.items())
+        elif name == "channels":
+            yield "env.colour", "gray" if value == 1 else "rgb"
         elif name != "crops":
             yield "env.size" if name == "size" else f"policy.{name}", value
 

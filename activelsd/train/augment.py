@@ -89,7 +89,7 @@ class Variation:
         return torch.where(first[:, None], fresh, variations)
 
     def look(self, observation: dict[str, Tensor], variations: Tensor) -> dict[str, Tensor]:
-        """The observation, uint8 (B, K, S, S) and boxes (B, K, 5), augmented; its input is unchanged."""
+        """The observation, uint8 (B, K C, S, S) and boxes (B, K, 5), augmented; its input is unchanged."""
         if self._crops:
             observation = observation | {"crops": _cut(observation, variations)}
         return _mirrored(observation, variations) if self._mirrors else observation
@@ -122,23 +122,24 @@ def _is_mirrored(variations: Tensor) -> Tensor:
 
 
 def _cut(observation: dict[str, Tensor], variations: Tensor) -> Tensor:
-    """Crops with another margin and another light."""
+    """Crops with another margin and another light, which is the same for all channels."""
     crops, target = observation["crops"], observation["target"]
-    batch, stacked = crops.shape[:2]
     between = 2 * variations[:, :-1] - 1
     extent, squeeze, shift, contrast, brightness = torch.split(between, [1, 2, 2, 1, 1], 1)
     scale = (1 + ZOOM * extent) * (1 + SQUEEZE * squeeze)
     where = functional.affine_grid(
         torch.cat([torch.diag_embed(scale), SHIFT * shift[:, :, None]], 2),
-        [batch, stacked, *crops.shape[2:]],
+        list(crops.shape),
         align_corners=False,
     )
     cut = functional.grid_sample(crops.float() / 255, where, padding_mode="border", align_corners=False)
-    mean = cut.mean((2, 3), keepdim=True)
-    lit = (cut - mean) * (CONTRAST * contrast).exp()[..., None, None] + mean
-    lit = lit + (BRIGHTNESS * brightness)[..., None, None]
-    was_cut = ((target[..., 4] > 0) & (target[..., 2:4] < 1).any(-1))[..., None, None]
-    return torch.where(was_cut, (lit.clamp(0, 1) * 255).round().to(torch.uint8), crops)
+    cut = cut.view(*target.shape[:2], -1, *cut.shape[2:])  # (B, K, C, S, S)
+    mean = cut.mean((2, 3, 4), keepdim=True)
+    lit = (cut - mean) * (CONTRAST * contrast).exp()[..., None, None, None] + mean
+    lit = lit + (BRIGHTNESS * brightness)[..., None, None, None]
+    was_cut = ((target[..., 4] > 0) & (target[..., 2:4] < 1).any(-1))[..., None, None, None]
+    new = torch.where(was_cut, (lit.clamp(0, 1) * 255).round().to(torch.uint8), crops.view(cut.shape))
+    return new.flatten(1, 2)
 
 
 def _mirrored(observation: dict[str, Tensor], variations: Tensor) -> dict[str, Tensor]:

@@ -20,7 +20,7 @@ from activelsd.envs.graphenv import ViewGraphEnv
 from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, DataError
-from tests.graphs import ring_graph, room_graph
+from tests.graphs import coloured, ring_graph, room_graph
 
 GRAPHS = {
     "ring": ring_graph(objects=6, classes=2, size=4),
@@ -29,6 +29,7 @@ GRAPHS = {
     ),
     "room": room_graph(size=4),
     "room without crops": room_graph(crops=False, size=4),
+    "room in colour": coloured(room_graph(size=4)),
 }
 ROOM = GRAPHS["room"]
 
@@ -172,7 +173,7 @@ def test_nothing_waits_for_the_device(world: str, preset: str) -> None:
     actions = torch.zeros(4, dtype=torch.int64, device="meta")
     for _ in range(3):
         observation = env.observe()
-        assert observation["frames"].shape == (4, 2, env.graph.size, env.graph.size)
+        assert observation["frames"].shape == (4, 2 * env.graph.channels, env.graph.size, env.graph.size)
         assert (env.mask().shape, env.labels.shape) == ((4, env.tree.n), (4,))
         assert env.advance(actions).reward.shape == (4,)
     with pytest.raises(RuntimeError, match="meta"):

@@ -220,6 +220,7 @@ def test_mistakes_are_one_sentence() -> None:
     for graph, says in (
         (ring(27, moves=("cw",)), "other classes or moves"),
         (ring(27, size=20), "set env.size=16"),
+        (ring(27).in_colour("rgb"), "set env.colour=gray"),
     ):
         misfit = Entrant(name="a", network=good.network, graph=graph, rules=RULES, world="w", backend="b")
         with pytest.raises(RunError, match=says):

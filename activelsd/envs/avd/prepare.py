@@ -32,6 +32,7 @@ from activelsd.envs.crops import cut_out, squashed
 from activelsd.envs.digest import code_digest
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import DataError
+from activelsd.sections import Colour
 
 _AHEAD = 2
 """Photographs in progress per thread; this limits memory, at a few MB each."""
@@ -42,6 +43,7 @@ def prepare(
     *,
     size: int,
     cache: Path,
+    colour: Colour = "gray",
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
@@ -56,6 +58,7 @@ def prepare(
         folders: of the scans, of one root.
         size: side S of frames and crops in pixels.
         cache: folder to keep the file in; made if need be.
+        colour: of the pictures.
         workers: how many threads decode; None for as many as there are cores.
         progress: called with the number of photographs done and of all.
 
@@ -69,6 +72,8 @@ def prepare(
     stamps = {path.name: _stamp(path) for path in folders}
     data = {"scans": stamps, "instances": _stamp_of([root / INSTANCES])}
     key = data | {"size": size, "code": code_digest(__name__)}
+    if colour != "gray":  # keys of gray pictures are older than the setting
+        key["colour"] = colour
     path = cache_file(cache, root.resolve().name, size, key)
 
     def make() -> None:
@@ -76,8 +81,9 @@ def prepare(
         scans = [read_scan(folder, instances) for folder in folders]
         boxes = np.concatenate([np.bincount(scan.box_view, minlength=len(scan.files)) for scan in scans])
         ends = {"frames": np.arange(1, len(boxes) + 1), "crops": np.cumsum(boxes)}
-        decoded = partial(_decoded, scans, size=size, workers=workers or cores())
-        fill(path, _without_pictures(scans, instances, size), key, ends, decoded, progress=progress)
+        decoded = partial(_decoded, scans, size=size, colour=colour, workers=workers or cores())
+        picture = (size, size) if colour == "gray" else (3, size, size)
+        fill(path, _without_pictures(scans, instances, picture), key, ends, decoded, progress=progress)
 
     return make_once(path, key, make)
 
@@ -104,7 +110,7 @@ def _stamp_of(files: Sequence[Path]) -> str:
 
 
 def _decoded(
-    scans: Sequence[Scan], todo: Sequence[int], *, size: int, workers: int
+    scans: Sequence[Scan], todo: Sequence[int], *, size: int, colour: Colour, workers: int
 ) -> Generator[tuple[int, Pictures], None, None]:
     """The pictures of views by their numbers, in order.
 
@@ -117,12 +123,12 @@ def _decoded(
         under_way: deque[tuple[int, Future[Pictures]]] = deque()
         try:
             for number in islice(left, workers * _AHEAD):
-                under_way.append((number, pool.submit(_pictures, *views[number], size)))
+                under_way.append((number, pool.submit(_pictures, *views[number], size, colour)))
             while under_way:
                 number, future = under_way.popleft()
                 yield number, future.result()
                 for following in islice(left, 1):
-                    under_way.append((following, pool.submit(_pictures, *views[following], size)))
+                    under_way.append((following, pool.submit(_pictures, *views[following], size, colour)))
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -133,25 +139,28 @@ def _views(scans: Sequence[Scan]) -> Iterator[tuple[Scan, int]]:
             yield scan, view
 
 
-def _pictures(scan: Scan, view: int, size: int) -> Pictures:
-    """A photograph's frame (S, S), and the crops (p, S, S) of the boxes in it."""
+def _pictures(scan: Scan, view: int, size: int, colour: Colour) -> Pictures:
+    """A photograph's frame ([3,] S, S), and the crops (p, [3,] S, S) of the boxes in it."""
     file = scan.files[view]
-    photograph = read_photograph(file)
-    if photograph.shape != (scan.height, scan.width):
-        height, width = photograph.shape
+    photograph = read_photograph(file, colour)
+    height, width = photograph.shape[:2]
+    if (height, width) != (scan.height, scan.width):
         raise DataError(
             f"{file} is {width} x {height} pixels, and others of its scan {scan.width} x {scan.height};"
             " copy it again."
         )
     first, end = np.searchsorted(scan.box_view, [view, view + 1])
-    crops = np.empty((end - first, size, size), np.uint8)
+    frame = squashed(photograph, size)
+    crops = np.empty((end - first, *frame.shape), np.uint8)
     for i, box in enumerate(scan.boxes[first:end]):
         crops[i] = cut_out(photograph, box, size)
-    return {"frames": squashed(photograph, size), "crops": crops}
+    return {"frames": frame, "crops": crops}
 
 
-def _without_pictures(scans: Sequence[Scan], instances: dict[str, int], size: int) -> ViewGraph:
-    """The graph of the scans; its frames and crops are zeros that take no memory."""
+def _without_pictures(
+    scans: Sequence[Scan], instances: dict[str, int], picture: tuple[int, ...]
+) -> ViewGraph:
+    """The graph of the scans; its frames and crops, of the shape `picture`, are zeros that take no memory."""
     ids, names = np.array(list(instances.values())), tuple(instances)
     views, boxes = sum(len(scan.files) for scan in scans), sum(len(scan.boxes) for scan in scans)
     if not boxes:
@@ -174,7 +183,7 @@ def _without_pictures(scans: Sequence[Scan], instances: dict[str, int], size: in
         first_pair += len(rows)
     start_view, start_target = np.concatenate(pairs).T.astype(np.int32)
     return ViewGraph(
-        frames=np.broadcast_to(np.uint8(0), (views, size, size)),
+        frames=np.broadcast_to(np.uint8(0), (views, *picture)),
         moves=np.concatenate(moves).astype(np.int32),
         move_names=MOVES,
         classes=names,
@@ -192,7 +201,7 @@ def _without_pictures(scans: Sequence[Scan], instances: dict[str, int], size: in
         start_split=np.zeros(boxes, np.uint8),
         pair_of=pair_of,
         boxes=np.concatenate([_fractions(scan) for scan in scans]),
-        crops=np.broadcast_to(np.uint8(0), (boxes, size, size)),
+        crops=np.broadcast_to(np.uint8(0), (boxes, *picture)),
         difficulty=np.concatenate([scan.difficulty for scan in scans]),
         poses=np.concatenate([scan.poses for scan in scans]),
     )

@@ -139,7 +139,8 @@ class AVDSettings(WorldSettings):
         found = scans_in(data.path or sample_scans(data, cache, progress=progress))
         chosen = split_scans(list(found), data.split, train=data.train, test=data.test)
         folders = [found[name] for name in chosen.scans]
-        graph = load_graph(prepare(folders, size=self.size, cache=cache, progress=progress))
+        file = prepare(folders, size=self.size, colour=self.colour, cache=cache, progress=progress)
+        graph = load_graph(file)
         graph = starts(graph, chosen, self.starts)
         if self.starts.scores is not None:
             scores = read_scores(graph, self.starts.scores)

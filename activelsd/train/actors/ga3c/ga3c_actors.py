@@ -72,7 +72,7 @@ class GA3CActors:
         self._counts = ThreadCounts(settings.agents, settings.predictors, settings.trainers)
         self._most = ThreadCounts(*(2 * n for n in self._counts)) if settings.dynamic else self._counts
         layout = Layout.of(
-            observation_space(shape.size, shape.frames, crops=shape.crops),
+            observation_space(shape.size, shape.frames, crops=shape.crops, channels=shape.channels),
             agents=self._most.agents,
             lanes=settings.lanes,
             envs=settings.envs_per_agent // settings.lanes,

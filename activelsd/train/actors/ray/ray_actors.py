@@ -68,7 +68,7 @@ class RayActors:
         # A worker's columns of each world; a rollout holds those of all workers, world by world.
         self._columns = {world.name: slice(*ends[i : i + 2]) for i, world in enumerate(worlds)}
         shape = network.shape
-        self._space = observation_space(shape.size, shape.frames, crops=shape.crops)
+        self._space = observation_space(shape.size, shape.frames, crops=shape.crops, channels=shape.channels)
         self._version, self._joined = 0, False
 
     @property
