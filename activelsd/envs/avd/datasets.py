@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from activelsd.envs.avd.scan import ANNOTATIONS, PHOTOGRAPHS, check_release
@@ -14,6 +15,9 @@ from activelsd.envs.digest import code_digest
 from activelsd.envs.settings import Progress
 from activelsd.errors import DataError
 
+ARCHIVES = frozenset({".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar"})
+"""Endings of what scans may be packed in."""
+
 _NAME = re.compile(r"[A-Za-z]+_\d+_\d+")
 
 
@@ -23,21 +27,18 @@ def scans_in(root: Path) -> dict[str, Path]:
     Raises:
         DataError: there is no scan, or only scans of the older release.
     """
-    try:
-        folders = sorted(path for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
-    except OSError as error:
+    if root.is_file():
         raise DataError(
-            f"{root} cannot be read ({error.strerror or error}); give the folder that holds Home_001_1 and so"
-            " on."
-        ) from None
+            f"{root} is no folder; unpack it and give the folder that holds Home_001_1 and so on."
+        )
+    if not root.exists():
+        raise DataError(f"There is no dataset at {root}; check env.dataset.path.")
+    folders = _folders(root)
     found = {path.name: path for path in folders if _is_scan(path)}
     if not found:
         for path in folders:
             check_release(path)
-        raise DataError(
-            f"{root} holds no scan of the Active Vision Dataset; give the folder that holds Home_001_1 and so"
-            f" on, each with {PHOTOGRAPHS}/ and {ANNOTATIONS}."
-        )
+        raise DataError(_no_scan(root, folders))
     for name in found:
         if not _NAME.fullmatch(name):
             raise DataError(
@@ -45,6 +46,31 @@ def scans_in(root: Path) -> dict[str, Path]:
                 " Home_001_1, or move it away."
             )
     return found
+
+
+def _folders(root: Path) -> list[Path]:
+    try:
+        return sorted(path for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
+    except OSError as error:
+        raise DataError(
+            f"{root} cannot be read ({error.strerror or error}); mend or copy it again."
+        ) from None
+
+
+def _no_scan(root: Path, folders: Sequence[Path]) -> str:
+    """What there is in place of scans, and the way to them."""
+    if _is_scan(root):
+        return f"{root} is a scan itself; give the folder that holds it, {root.parent}."
+    for folder in folders:
+        if any(map(_is_scan, _folders(folder))):
+            return f"{root} holds no scan itself, but {folder} does; give that folder."
+    for file in sorted(root.iterdir()):
+        if file.suffix.lower() in ARCHIVES:
+            return f"{root} holds no scan, but the archive {file.name}; unpack it there."
+    return (
+        f"{root} holds no scan of the Active Vision Dataset; give the folder that holds Home_001_1 and so on,"
+        f" each with {PHOTOGRAPHS}/ and {ANNOTATIONS}."
+    )
 
 
 def _is_scan(folder: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Reads the photographs of a scan: JPEG, in gray or in colour."""
+"""Reads the photographs of a scan, in gray or in colour."""
 
 from __future__ import annotations
 
@@ -9,27 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activelsd.envs.colour import decoded_jpeg
+from activelsd.envs.images import examine
 from activelsd.errors import DataError
 from activelsd.sections import Colour
-
-_START, _END = b"\xff\xd8", b"\xff\xd9"
 
 
 def read_photograph(path: Path, colour: Colour = "gray") -> NDArray[np.uint8]:
     """uint8 (H, W) in gray, or (H, W, 3) RGB.
 
     Raises:
-        DataError: it is missing, cut short, or no JPEG.
+        DataError: it is missing, cut short, or no picture that is read.
     """
     # OpenCV reports a damaged file on stderr by itself, in lines that do not help a user.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         data = path.read_bytes()
-        # OpenCV would fill the missing part of a short file with gray and report nothing.
-        whole = data.startswith(_START) and _END in data[-512:]
-        picture = decoded_jpeg(data, colour) if whole else None
+        picture = decoded_jpeg(data, colour) if examine(data).whole else None
     except OSError as error:
         raise DataError(f"{path} cannot be read ({error.strerror or error}); copy it again.") from None
     if picture is None:
-        raise DataError(f"{path} is not a whole JPEG; copy it again or remove it, and its view is left out.")
+        raise DataError(
+            f"{path} is not a whole picture; copy it again or remove it, and its view is left out."
+        )
     return picture

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 from zlib import error as ZlibError
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from activelsd.envs.avd.photographs import read_photograph
 from activelsd.envs.avd.settings import MOVES
+from activelsd.envs.images import ENDINGS
 from activelsd.errors import DataError, did_you_mean
 
 PHOTOGRAPHS, ANNOTATIONS, POSES = "jpg_rgb", "annotations.json", "image_structs.mat"
@@ -65,19 +66,25 @@ def read_instances(root: Path) -> dict[str, int]:
 
 
 def photographs_of(folder: Path) -> dict[str, Path]:
-    """The photographs on disk, by file name and sorted by it.
+    """The photographs on disk, by file name without its ending and sorted by it.
 
     Raises:
-        DataError: there are none, or the folder is not a scan of this release.
+        DataError: there are none, one is there twice, or the folder is not a scan of this release.
     """
     check_release(folder)
+    found: dict[str, Path] = {}
     try:
-        found = sorted(path for path in (folder / PHOTOGRAPHS).iterdir() if path.suffix == ".jpg")
+        for path in sorted((folder / PHOTOGRAPHS).iterdir()):
+            if path.suffix.lower() in ENDINGS and not path.name.startswith("."):
+                if path.stem in found:
+                    twice = f"{found[path.stem].name} and {path} are the same photograph"
+                    raise DataError(f"{twice}; remove one of them.")
+                found[path.stem] = path
     except OSError as error:
         raise _unreadable(folder / PHOTOGRAPHS, error) from None
     if not found:
         raise DataError(f"{folder / PHOTOGRAPHS} contains no photograph; unpack the scan's jpg files there.")
-    return {path.name: path for path in found}
+    return found
 
 
 def check_release(folder: Path) -> None:
@@ -92,9 +99,9 @@ def check_release(folder: Path) -> None:
 def read_scan(folder: Path, instances: Mapping[str, int]) -> Scan:
     """Reads a scan.
 
-    A view is a photograph that is on disk *and* in the annotations; a move that leads to anything else is
-    blocked. Boxes are clipped to the photograph, and dropped if nothing remains. If an instance has several
-    boxes in one photograph (some products are in a scene twice), the largest is kept.
+    A view is a photograph that is on disk *and* in the annotations, whatever its ending is there; a move that
+    leads to anything else is blocked. Boxes are clipped to the photograph, and dropped if nothing remains. If
+    an instance has several boxes in one photograph (some products are in a scene twice), the largest is kept.
 
     Args:
         folder: the scan's folder, named like `Home_001_1`.
@@ -113,13 +120,17 @@ def read_scan(folder: Path, instances: Mapping[str, int]) -> Scan:
     first = read_photograph(on_disk[names[0]])
     height, width = first.shape
     index = {name: view for view, name in enumerate(names)}
-    box_view, rows = _boxes(file, [(name, entries[name]) for name in names], instances, (width, height))
+    box_view, rows = _boxes(
+        file, [(on_disk[name].name, entries[name]) for name in names], instances, (width, height)
+    )
     return Scan(
         name=folder.name,
         files=tuple(on_disk[name] for name in names),
         width=width,
         height=height,
-        moves=np.array([[index.get(entries[name][move], -1) for move in MOVES] for name in names], np.int32),
+        moves=np.array(
+            [[index.get(_stem(entries[name][move]), -1) for move in MOVES] for name in names], np.int32
+        ),
         poses=_poses(folder / POSES, names),
         box_view=box_view,
         box_instance=rows[:, 4],
@@ -129,7 +140,7 @@ def read_scan(folder: Path, instances: Mapping[str, int]) -> Scan:
 
 
 def _entries(file: Path) -> dict[str, dict[str, Any]]:
-    """The annotations by photograph; every move is a checked file name or empty."""
+    """The annotations by photograph, without its ending; every move is a checked file name or empty."""
     try:
         entries = json.loads(_text(file))
     except (ValueError, RecursionError) as error:
@@ -147,7 +158,12 @@ def _entries(file: Path) -> dict[str, dict[str, Any]]:
         _check_name(file, name)
         for move in MOVES:
             _check_name(file, entry.setdefault(move, ""))
-    return entries
+    return {_stem(name): entry for name, entry in entries.items()}
+
+
+def _stem(name: str) -> str:
+    """A photograph's name without its ending, which may be written otherwise on disk: .JPG, .jpeg."""
+    return PurePath(name).stem
 
 
 def _check_name(file: Path, name: object) -> None:
@@ -226,7 +242,9 @@ def _poses(file: Path, names: Sequence[str]) -> NDArray[np.float32]:
         scale = float(content["scale"].ravel()[0])
         rows = content["image_structs"].ravel()
         found = {
-            str(row["image_name"].ravel()[0]): _pose(row, scale) for row in rows if row["image_name"].size
+            _stem(str(row["image_name"].ravel()[0])): _pose(row, scale)
+            for row in rows
+            if row["image_name"].size
         }
     except OSError as error:
         raise _unreadable(file, error) from None

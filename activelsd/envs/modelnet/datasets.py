@@ -8,19 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
+from activelsd.envs.images import ENDINGS
 from activelsd.envs.modelnet import pictures, points
-from activelsd.envs.modelnet.files import FOLDERS, Entry, Folder, Zip, class_folders, open_files
+from activelsd.envs.modelnet.companions import ending, objects_only
+from activelsd.envs.modelnet.files import Folder, Zip, open_files, readable
+from activelsd.envs.modelnet.layout import Entry, Layout, find_layout
 from activelsd.envs.modelnet.readers import check_format
 from activelsd.envs.modelnet.settings import DatasetSettings
 from activelsd.envs.modelnet.sources import FILES, Item, MeshFiles, PictureFiles, PointFiles, Shapes, Source
-from activelsd.envs.modelnet.splits import chosen, with_validation
+from activelsd.envs.modelnet.splits import FOLDERS, chosen, with_validation
 from activelsd.errors import ConfigError, DataError, did_you_mean
-
-_COMPANIONS = frozenset({".mtl", ".bin", ".txt", ".md", ".json", ".csv", ".tsv"})
-"""Endings of what may lie beside meshes and pictures without being one."""
-
-_KINDS = dict.fromkeys(pictures.ENDINGS, "pictures") | dict.fromkeys(points.ENDINGS, "points")
-"""What files hold, by their ending; others are taken for meshes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +35,7 @@ class _Object(NamedTuple):
     """An object found, before it is known whether the rule of the split takes it."""
 
     category: str
-    folder: str
+    split: str  # the folder it was found in
     name: str
     parts: tuple[str, ...]
     stamp: str
@@ -47,8 +44,8 @@ class _Object(NamedTuple):
 def open_dataset(settings: DatasetSettings) -> Dataset:
     """The objects at a path, or the embedded shapes if there is none.
 
-    What is at the path is found by looking: a folder, or the zip of it, with `CLASS/train` and `CLASS/test`,
-    holding meshes, point clouds, or twelve pictures of each object.
+    What is at the path is found by looking: a folder, or the zip of it, with meshes, point clouds, or
+    pictures of each object, see `layout.find_layout`. A class's own `val` folder is its validation split.
 
     Raises:
         DataError: nothing is there, its layout is another, or a class has nothing to train or test on.
@@ -60,7 +57,8 @@ def open_dataset(settings: DatasetSettings) -> Dataset:
         return _dataset("shapes", "the embedded shapes", found, source, rule)
     files = open_files(path)
     found, file_source = _in_files(files, classes)
-    return _dataset(path.resolve().stem, str(path.resolve()), found, file_source, rule)
+    whole = path.resolve()
+    return _dataset(readable(whole.stem), readable(str(whole)), found, file_source, rule)
 
 
 def _dataset(
@@ -72,13 +70,14 @@ def _dataset(
 ) -> Dataset:
     items: list[Item] = []
     for category, objects in found.items():
-        names = Counter(o.name for o in objects)
-        for folder in FOLDERS:
-            own = {o.parts[0] if names[o.name] > 1 else o.name: o for o in objects if o.folder == folder}
-            taken = chosen(list(own), folder, rule)
+        own = _told_apart(objects, origin)
+        held_out = any(one.split == "val" for one in objects)
+        for folder in ("train", "val", "test") if held_out else FOLDERS:
+            names = [name for name, one in own.items() if one.split == folder]
+            taken = chosen(names, folder, rule)
             if not taken:
-                raise DataError(_nothing(origin, category, folder, rule, len(own)))
-            splits = with_validation(taken) if folder == "train" else [folder] * len(taken)
+                raise DataError(_nothing(origin, category, folder, rule, len(names)))
+            splits = [folder] * len(taken) if held_out or folder == "test" else with_validation(taken)
             for name, split in zip(taken, splits, strict=True):
                 whole = f"{category}/{name.removeprefix(f'{category}/')}"
                 parts, stamp = own[name].parts, own[name].stamp
@@ -90,6 +89,18 @@ def _dataset(
         source=source,
         origin={"from": origin} | {k: v for k, v in source.spec().items() if k != "path"},
     )
+
+
+def _told_apart(objects: Sequence[_Object], origin: str) -> dict[str, _Object]:
+    """The objects of a class by name; those of one name by their files."""
+    names = Counter(one.name for one in objects)
+    own: dict[str, _Object] = {}
+    for one in objects:
+        name = one.name if names[one.name] == 1 else readable(one.parts[0])
+        if name in own:
+            raise DataError(f"{origin} has two objects called {name}; rename one of them.")
+        own[name] = one
+    return own
 
 
 def _nothing(origin: str, category: str, folder: str, rule: str, found: int) -> str:
@@ -120,40 +131,36 @@ def _in_files(
     files: Folder | Zip, classes: Sequence[str] | None
 ) -> tuple[dict[str, list[_Object]], MeshFiles | PointFiles | PictureFiles]:
     """The objects of every class asked for, and what makes them."""
-    folders = class_folders(files)
-    entries = {
-        category: _objects_only(files, folders[category])
-        for category in _asked(tuple(folders), classes, str(files.root))
-    }
+    layout = find_layout(files)
+    entries = objects_only(files, layout, _asked(tuple(layout.classes), classes, files.where("")))
     kind = _kind(files, [entry for own in entries.values() for entry in own])
     source = FILES[kind](files=files)
     if kind == "pictures":
-        return {c: _pictured(files, c, own) for c, own in entries.items()}, source
+        return {c: _pictured(files, layout, c, own) for c, own in entries.items()}, source
     if kind == "meshes":
-        for ending in sorted({PurePosixPath(e.path).suffix.lower() for own in entries.values() for e in own}):
-            example = next(e for own in entries.values() for e in own if e.path.lower().endswith(ending))
-            check_format(ending, files.where(example.path))
-    return {c: [_in_one_file(e) for e in own] for c, own in entries.items()}, source
+        examples = {ending(e.path): e.path for own in entries.values() for e in reversed(own)}
+        for name, example in sorted(examples.items()):
+            check_format(name, files.where(example))
+    return {c: _in_one_file(files, own) for c, own in entries.items()}, source
 
 
 def kind_at(path: Path) -> str:
     """What lies at a path: `meshes`, `points` or `pictures`. Raises DataError as `open_dataset` does."""
     files = open_files(path)
-    return _kind(files, [e for own in class_folders(files).values() for e in _objects_only(files, own)])
+    layout = find_layout(files)
+    return _kind(files, [e for own in objects_only(files, layout, layout.classes).values() for e in own])
 
 
 def _kind(files: Folder | Zip, entries: Sequence[Entry]) -> str:
     """What files are; `meshes` if there are none. Raises DataError if they are not of one kind."""
     found: dict[str, str] = {}
     for entry in entries:
-        ending = PurePosixPath(entry.path).suffix.lower()
-        kind = (
-            "pictures" if ending in pictures.ENDINGS else "points" if ending in points.ENDINGS else "meshes"
-        )
+        suffix = ending(entry.path)
+        kind = "pictures" if suffix in ENDINGS else "points" if suffix in points.ENDINGS else "meshes"
         found.setdefault(kind, files.where(entry.path))
     if len(found) > 1:
         these = " and ".join(f"{kind} ({example})" for kind, example in sorted(found.items()))
-        raise DataError(f"{files.root} holds {these} side by side; keep the one kind or the other.")
+        raise DataError(f"{files.where('')} holds {these} side by side; keep the one kind or the other.")
     return next(iter(found), "meshes")
 
 
@@ -168,28 +175,32 @@ def _asked(known: Sequence[str], classes: Sequence[str] | None, origin: str) -> 
     return sorted(set(classes))
 
 
-def _objects_only(files: Folder | Zip, entries: Sequence[Entry]) -> list[Entry]:
-    """The meshes or pictures among a class's files; one that would be overlooked is an error."""
-    objects = [e for e in entries if PurePosixPath(e.path).suffix.lower() not in _COMPANIONS]
-    for entry in objects:
-        if entry.folder not in FOLDERS:
+def _in_one_file(files: Folder | Zip, entries: Sequence[Entry]) -> list[_Object]:
+    """An object for every file; one in a folder of its own has the folder's name."""
+    found: dict[tuple[str, ...], Entry] = {}
+    for entry in entries:
+        folder = (str(entry.split), *entry.owner[:1])
+        if entry.owner and folder in found:
+            first, second = (PurePosixPath(e.path) for e in (found[folder], entry))
             raise DataError(
-                f"{files.where(entry.path)} would be overlooked, as it does not stand right in"
-                f" {entry.category}/train or {entry.category}/test; move or remove it."
+                f"{files.where(str(first))} and {second.name} are in the folder of one object; keep one"
+                " of them, or put both where the folder is."
             )
-    return objects
+        found[folder if entry.owner else (entry.path,)] = entry
+    return [_Object(e.category, str(e.split), _name(e), (e.path,), e.stamp) for e in found.values()]
 
 
-def _in_one_file(entry: Entry) -> _Object:
-    return _Object(entry.category, entry.folder, PurePosixPath(entry.path).stem, (entry.path,), entry.stamp)
+def _name(entry: Entry) -> str:
+    return readable(entry.owner[0] if entry.owner else PurePosixPath(entry.path).stem)
 
 
-def _pictured(files: Folder | Zip, category: str, entries: Sequence[Entry]) -> list[_Object]:
+def _pictured(files: Folder | Zip, layout: Layout, category: str, entries: Sequence[Entry]) -> list[_Object]:
     stamps = {e.path: e.stamp for e in entries}
     return [
-        _Object(category, folder, name, tuple(paths), " ".join(stamps[path] for path in paths))
-        for folder in FOLDERS
+        _Object(category, split, readable(name), tuple(paths), " ".join(stamps[path] for path in paths))
+        for split in sorted({str(e.split) for e in entries})
         for name, paths in pictures.grouped(
-            [e.path for e in entries if e.folder == folder], f"{files.root}/{category}/{folder}"
+            [(e.path, e.owner) for e in entries if e.split == split],
+            files.where(layout.place(category, split)),
         ).items()
     ]

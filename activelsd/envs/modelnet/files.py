@@ -1,4 +1,4 @@
-"""Reads a dataset's files from a folder or a zip, and sorts them by class and split.
+"""Reads a data set's files from a folder or a zip.
 
 A zip is read in place: nothing is extracted, so a name inside it leads nowhere.
 """
@@ -6,6 +6,7 @@ A zip is read in place: nothing is extracted, so a name inside it leads nowhere.
 from __future__ import annotations
 
 import os
+import re
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -16,27 +17,39 @@ from typing import NamedTuple
 
 from activelsd.errors import DataError
 
-FOLDERS = ("train", "test")
-"""The folders of every class."""
+ARCHIVES = frozenset(
+    {".zip", ".tar", ".gz", ".tgz", ".bz2", ".tbz2", ".xz", ".txz", ".zst", ".lz4", ".7z", ".rar"}
+)
+"""Endings of files that hold others, or another in less room."""
 
-_DEPTH = 6
-"""Levels of a folder that are listed: a top folder, class, `train`, a file, and two to complain about."""
+_DEPTH = 8
+"""Levels of a folder that are listed: a top folder, class, `train`, an object's folders, and some to name."""
+
+_SYSTEM = frozenset(
+    {"thumbs.db", "ehthumbs.db", "desktop.ini", "icon\r", "icon\uf00d", "__macosx", "@eadir", "#recycle"}
+    | {"lost+found", "$recycle.bin", "recycler", "system volume information"}
+)
+"""Files and folders that systems leave everywhere, in small letters."""
+
+_STREAM = re.compile(
+    r"[:\uf03a](zone\.identifier|smartscreen|com\.dropbox\..+|afp_.+)(:\$data)?", re.IGNORECASE
+)
+"""What Windows notes beside a file, as other systems show it: `cup.off:Zone.Identifier`."""
+
+_UTF8_NAMES = 0x800  # flag of a zip's entry
+_LETTERS = {
+    "cp437": re.compile("[\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u00ff]"),
+    "gb2312": re.compile("[\u3000-\u303f\u3400-\u9fff\uff00-\uffef]"),
+}
+"""Letters beyond ASCII that names have in a code page."""
+_BEYOND_ASCII = re.compile(r"[^\x00-\x7f]")
 
 
 class Member(NamedTuple):
-    """A file, or a folder, of a dataset."""
+    """A file, or a folder, of a data set."""
 
-    path: str  # from the dataset's root, with slashes; ends in one for a folder
+    path: str  # from the data set's root, with slashes; ends in one for a folder
     stamp: str  # changes when the file does: its size and time, or its CRC inside a zip
-
-
-class Entry(NamedTuple):
-    """A file in the folder of a class."""
-
-    category: str
-    folder: str  # below the class folder: train, test, or where it would be overlooked
-    path: str
-    stamp: str
 
 
 @dataclass(frozen=True)
@@ -54,23 +67,25 @@ class Folder:
         try:
             yield from self._below("", _DEPTH)
         except OSError as error:
-            reason = f"{error.filename} cannot be read ({error.strerror})"
+            reason = f"{readable(str(error.filename))} cannot be read ({error.strerror})"
             raise DataError(f"{reason}; mend or remove it.") from None
 
     def _below(self, prefix: str, depth: int) -> Iterator[Member]:
         with os.scandir(self.root / prefix) as entries:
             for entry in entries:
+                if _is_hidden(entry.name):
+                    continue
                 if entry.is_dir():
                     yield Member(f"{prefix}{entry.name}/", "")
-                    if depth > 1 and not _hidden(entry.name):
+                    if depth > 1:
                         yield from self._below(f"{prefix}{entry.name}/", depth - 1)
-                elif not _hidden(entry.name):
+                else:
                     stat = entry.stat()
                     yield Member(prefix + entry.name, f"{stat.st_size}:{stat.st_mtime_ns}")
 
     def where(self, path: str) -> str:
         """The name of a file in messages."""
-        return str(self.root / path)
+        return readable(str(self.root / path))
 
     def read(self, path: str) -> bytes:
         """A file's bytes. Raises DataError if it cannot be read."""
@@ -82,7 +97,7 @@ class Folder:
 
 @dataclass(frozen=True)
 class Zip:
-    """Files inside a zip."""
+    """Files inside a zip; backslashes between folders count as slashes."""
 
     root: Path
 
@@ -90,88 +105,106 @@ class Zip:
         """Files and folders as the zip's directory lists them.
 
         Raises:
-            DataError: it is no zip, or cut short.
+            DataError: it is no zip, cut short, or has names in a code page that cannot be told.
         """
-        for info in {info.filename: info for info in _opened(self.root).infolist()}.values():
-            yield Member(info.filename, "" if info.is_dir() else f"{info.file_size}:{info.CRC}")
+        for path, info in _opened(self.root).entries.items():
+            if path and not any(map(_is_hidden, path.split("/"))):
+                yield Member(path, "" if path.endswith("/") else f"{info.file_size}:{info.CRC}")
 
     def where(self, path: str) -> str:
         """The name of a file in messages."""
-        return f"{self.root}/{path}"
+        return f"{readable(str(self.root))}/{path}"
 
     def read(self, path: str) -> bytes:
         """A file's bytes. Raises DataError if the zip is damaged there or locked by a password."""
         try:
-            return _opened(self.root).read(path)
+            archive = _opened(self.root)
+            return archive.file.read(archive.entries[path])
         except (zipfile.BadZipFile, zlib.error, EOFError, OSError):
             raise DataError(f"{self.where(path)} is damaged inside the zip; download it again.") from None
         except (RuntimeError, NotImplementedError) as error:  # a password, or a compression Python lacks
             raise DataError(f"{self.where(path)} cannot be unpacked ({error}); extract the zip.") from None
 
 
+class _Archive(NamedTuple):
+    file: zipfile.ZipFile
+    entries: dict[str, zipfile.ZipInfo]  # by path with slashes
+
+
 @lru_cache(maxsize=1)
-def _opened(path: Path) -> zipfile.ZipFile:
+def _opened(path: Path) -> _Archive:
     """A zip kept open, as its directory is long to read and every object asks for it."""
     try:
-        return zipfile.ZipFile(path)
+        file = zipfile.ZipFile(path)
     except (zipfile.BadZipFile, OSError):
-        raise DataError(f"{path} is not a whole zip; download it again.") from None
+        raise DataError(f"{readable(str(path))} is not a whole zip; download it again.") from None
+    return _Archive(file, {_entry_path(info, path): info for info in file.infolist()})
+
+
+def _entry_path(info: zipfile.ZipInfo, archive: Path) -> str:
+    """An entry's path; a name without the mark of UTF-8 may nevertheless be in it, or in a code page.
+
+    Western letters of code page 437, which is the format's own, and Chinese of GB 2312 can be told apart from
+    the others: those are drawn as lines, blocks and signs in 437.
+    """
+    name = info.filename
+    if not info.flag_bits & _UTF8_NAMES and not name.isascii():
+        data = name.encode("cp437")
+        for page in ("utf-8", "cp437", "gb2312"):
+            try:
+                name = data.decode(page)
+            except UnicodeDecodeError:
+                continue
+            if page == "utf-8" or all(map(_LETTERS[page].match, filter(_BEYOND_ASCII.match, name))):
+                break
+        else:
+            raise DataError(
+                f"{readable(str(archive))} has names in a code page that cannot be told, such as"
+                f" {info.filename!r}; extract it, or pack it again with names in UTF-8."
+            )
+    parts = name.replace("\\", "/").split("/")
+    return "/".join(part for i, part in enumerate(parts) if part != "." and (part or i == len(parts) - 1))
 
 
 def open_files(path: Path) -> Folder | Zip:
-    """The files of a dataset in a folder or a zip.
+    """The files of a data set in a folder or a zip.
 
     Raises:
         DataError: there is nothing at the path, or it is neither a folder nor a zip.
     """
     if path.is_dir():
         return Folder(path)
+    name = readable(str(path))
     if not path.exists():
-        raise DataError(f"There is no dataset at {path}; check env.dataset.path.")
+        raise DataError(f"There is no dataset at {name}; check env.dataset.path.")
     if path.suffix.lower() == ".zip" or zipfile.is_zipfile(path):
         _opened.cache_clear()  # the zip at this path may be another by now
         return Zip(path)
-    raise DataError(f"{path} is neither a folder nor a zip; give the folder that holds the class folders.")
+    if path.suffix.lower() in ARCHIVES:
+        raise DataError(f"{name} is not read packed like that; unpack it and give the folder, or give a zip.")
+    raise DataError(f"{name} is neither a folder nor a zip; give the folder that holds the class folders.")
 
 
-def class_folders(files: Folder | Zip) -> dict[str, list[Entry]]:
-    """Every class with the files below its folder, in order of names.
-
-    The class folders stand at the root or, as in ModelNet's own zips, in one folder there. Hidden files and
-    what macOS adds to zips are passed over.
-
-    Raises:
-        DataError: the files are not laid out like that.
-    """
-    members = [m for m in files.members() if not any(map(_hidden, m.path.split("/")))]
-    paths = [tuple(m.path.split("/")) for m in members]
-    folders = {path[:i] for path in paths for i in range(1, len(path))}
-    if not members:
-        raise DataError(f"{files.root} is empty; {_layout(files)}")
-    tops = {folder[:-2] for folder in folders if folder[-1] in FOLDERS and len(folder) > 1}
-    if not tops:
-        raise DataError(f"{files.root} has no class folders; {_layout(files)}")
-    if len(tops) > 1:
-        first, second = ("/".join((str(files.root), *top)) for top in sorted(tops)[:2])
-        raise DataError(f"Class folders stand both in {first} and in {second}; give one of the two.")
-    (top,) = tops
-    depth = len(top)
-    found: dict[str, list[Entry]] = {
-        folder[-1]: [] for folder in sorted(folders) if len(folder) == depth + 1 and folder[:-1] == top
-    }
-    for member in sorted(members):
-        *parents, name = member.path.split("/")
-        if tuple(parents[:depth]) != top or len(parents) <= depth or not name:
-            continue
-        found[parents[depth]].append(
-            Entry(parents[depth], "/".join(parents[depth + 1 :]), member.path, member.stamp)
-        )
-    return found
+def readable(path: str) -> str:
+    """A path in letters that can be written anywhere: names that are not in UTF-8 count as Latin-1."""
+    if _is_text(path):
+        return path
+    return "/".join(p if _is_text(p) else os.fsencode(p).decode("latin-1") for p in path.split("/"))
 
 
-def _layout(files: Folder | Zip) -> str:
-    return f"meshes are looked for in {files.root}/CLASS/train and {files.root}/CLASS/test."
+def _is_text(name: str) -> bool:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
-def _hidden(name: str) -> bool:
-    return name.startswith(".") or name in {"__MACOSX", "Thumbs.db", "desktop.ini"}
+def _is_hidden(name: str) -> bool:
+    """Whether a file or folder is hidden, a system's own, or an editor's copy of another."""
+    return (
+        name.startswith((".", "~$"))
+        or name.endswith("~")
+        or name.lower() in _SYSTEM
+        or _STREAM.search(name) is not None
+    )

@@ -13,37 +13,44 @@ from pathlib import PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.images import decode_pixels
 from activelsd.errors import DataError
 
-ENDINGS = frozenset({".png", ".jpg", ".jpeg"})
 VIEWS = 12
+_NUMBERED = re.compile(r"(?P<object>.*?)(?P<view>\d+)")
 _NAME = re.compile(r"(?P<object>.+?)(?:\.(?:obj|off))?(?:[._]shaded)?_v?(?P<view>\d+)")
-_MARKS = ((b"\x89PNG", b"IEND"), (b"\xff\xd8", b"\xff\xd9"))
-"""How PNG and JPEG begin and end; OpenCV fills the missing part of a file with gray and reports nothing."""
 
 
-def grouped(paths: Sequence[str], where: str) -> dict[str, list[str]]:
+def grouped(pictures: Sequence[tuple[str, Sequence[str]]], where: str) -> dict[str, list[str]]:
     """The pictures of every object in the order of their numbers, objects in order of names.
 
     Args:
-        paths: of the pictures of one class and split.
-        where: name of their folder in messages.
+        pictures: path of every picture of one class and split, and the folders below theirs that it is in.
+            The first folder is the object's; without one the object's name stands before the number.
+        where: name of the class's folder in messages.
 
     Raises:
-        DataError: a name has no number, or an object's views are not twelve numbered from 0 or from 1.
+        DataError: a name has no number, a folder holds pictures of several objects, or an object's views are
+            not twelve numbered from 0 or from 1.
     """
     objects: dict[str, dict[int, str]] = {}
-    for path in sorted(paths):
+    held: dict[str, tuple[tuple[str, ...], str]] = {}  # the series of pictures in an object's folder
+    for path, folders in sorted(pictures):
         name = PurePosixPath(path)
-        match = _NAME.fullmatch(name.stem)
+        match = (_NUMBERED if folders else _NAME).fullmatch(name.stem)
+        shown = "/".join((where, *folders, name.name))
         if match is None:
+            raise DataError(f"{shown} should end in a view's number, like cup_0001_001; rename it.")
+        owner, series = folders[0] if folders else match["object"], (tuple(folders), match["object"])
+        if folders and held.setdefault(owner, series) != series:
             raise DataError(
-                f"{where}/{name.name} should end in a view's number, like cup_0001_001; rename it."
+                f"{shown} is not of the same series as others in the folder of '{owner}'; keep one series of"
+                " views there."
             )
-        views = objects.setdefault(match["object"], {})
+        views = objects.setdefault(owner, {})
         number = int(match["view"])
         if number in views:
-            raise DataError(f"{where} has view {number} of '{match['object']}' twice; remove one of the two.")
+            raise DataError(f"{where} has view {number} of '{owner}' twice; remove one of the two.")
         views[number] = path
     first = 0 if any(0 in views for views in objects.values()) else 1
     for name_of, views in objects.items():
@@ -65,24 +72,19 @@ def decode(data: bytes, name: str, size: int) -> NDArray[np.uint8]:
     """uint8 (size, size): a picture in gray, averaged over areas; what is transparent becomes white.
 
     Raises:
-        DataError: OpenCV cannot read it, it is cut short, or not square.
+        DataError: it is no whole picture in a format that is read (see `images`), or not square.
     """
     import cv2  # not needed for meshes
 
-    # OpenCV reports a damaged file on stderr by itself, in lines that do not help a user.
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    whole = any(data.startswith(start) and end in data[-512:] for start, end in _MARKS)
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if whole else None
-    if picture is None:
-        raise DataError(f"{name} is not a whole picture; copy it again or remove its object.")
+    try:
+        picture = decode_pixels(data)
+    except ValueError as error:
+        raise DataError(f"{name} {error}, or remove its object.") from None
     height, width = picture.shape[:2]
     if height != width:
         raise DataError(f"{name} is {width} x {height} pixels, but views are square; render it so.")
-    if picture.dtype == np.uint16:
-        picture = (picture // 256).astype(np.uint8)
     if picture.ndim == 3 and picture.shape[2] == 4:
         opaque = picture[:, :, 3:].astype(np.float32) / 255
         picture = np.rint(picture[:, :, :3] * opaque + 255 * (1 - opaque)).astype(np.uint8)
-    if picture.ndim == 3:
-        picture = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-    return np.asarray(cv2.resize(picture, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
+    gray = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    return np.asarray(cv2.resize(gray, (size, size), interpolation=cv2.INTER_AREA), np.uint8)

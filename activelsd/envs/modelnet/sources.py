@@ -14,10 +14,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd.envs.modelnet.files import FOLDERS, Folder, Zip, open_files
+from activelsd.envs.modelnet.files import Folder, Zip, open_files
 from activelsd.envs.modelnet.pictures import decode
 from activelsd.envs.modelnet.points import decode_points
 from activelsd.envs.modelnet.readers import decode_mesh
+from activelsd.envs.modelnet.splits import FOLDERS
 from activelsd.envs.workers import Work
 from activelsd.errors import DataError
 from activelsd.scenery.meshes import Mesh

@@ -1,12 +1,15 @@
 """Which objects train, validate and test: the official split, MVCNN's part of it, and the LSD-Net authors'.
 
 A rule works on the sorted names of one class in one folder (`train` or `test`), so it can be used with every
-data set in ModelNet's layout. Objects for validation are taken from `train`.
+data set. Objects for validation are taken from `train`, unless there is a folder `val`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+
+FOLDERS = ("train", "test")
+"""What every data set has; some have `val` too."""
 
 MVCNN_LIMIT = {"train": 80, "test": 20}
 VAL_EVERY = 10
@@ -22,11 +25,11 @@ def chosen(names: Sequence[str], folder: str, rule: str) -> list[str]:
 
     Args:
         names: of all objects of a class in a folder, in any order.
-        folder: `train` or `test`.
+        folder: `train`, `test`, or `val`, which every rule takes whole.
         rule: as `env.dataset.split`.
     """
     in_order = sorted(names)
-    if rule == "official":
+    if rule == "official" or folder == "val":
         return in_order
     first = in_order[: MVCNN_LIMIT[folder]]
     return first[:-1] if rule == "lsdnet" else first

@@ -6,7 +6,6 @@ import json
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -255,11 +254,10 @@ def test_a_table_of_poses_without_its_parts_is_one_sentence(trapped: Path) -> No
 
 
 def test_a_jpg_that_is_not_one_is_named(trapped: Path) -> None:
-    png = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
     whole = (trapped / "jpg_rgb" / A).read_bytes()
-    for data in (b"", b"<html>not found</html>", png, whole[: len(whole) // 2]):
+    for data in (b"", b"<html>not found</html>", whole[: len(whole) // 2]):
         (trapped / "jpg_rgb" / A).write_bytes(data)
-        with pytest.raises(DataError, match=f"{A} is not a whole JPEG; copy it again or remove it"):
+        with pytest.raises(DataError, match=f"{A} is not a whole picture; copy it again or remove it"):
             read(trapped)
 
 
@@ -269,10 +267,44 @@ def test_an_instance_unknown_to_the_map_names_the_nearest(trapped: Path) -> None
         read(trapped)
 
 
+@pytest.mark.parametrize("ending", [".JPG", ".jpeg", ".png"])
+def test_photographs_have_any_ending_and_annotations_perhaps_another(trapped: Path, ending: str) -> None:
+    whole = read(trapped)
+    for file in (trapped / "jpg_rgb").glob("*.jpg"):
+        file.rename(file.with_suffix(ending))
+    scan = read(trapped)
+    assert [file.name for file in scan.files] == [file.stem + ending for file in whole.files]
+    np.testing.assert_array_equal(scan.moves, whole.moves)
+    np.testing.assert_array_equal(scan.poses, whole.poses)
+    np.testing.assert_array_equal(scan.boxes, whole.boxes)
+    (trapped / "jpg_rgb" / A).write_bytes(scan.files[0].read_bytes() + b"a film after the photograph")
+    with pytest.raises(DataError, match="are the same photograph; remove one of them"):
+        read(trapped)
+    scan.files[0].unlink()
+    assert read(trapped).files[0].name == A
+
+
+def test_scans_one_folder_off_or_packed_are_told(tmp_path: Path) -> None:
+    write_homes(tmp_path / "homes" / "all", homes=2)
+    with pytest.raises(DataError, match=r"homes holds no scan .*, but .*/homes/all does; give that folder"):
+        scans_in(tmp_path / "homes")
+    with pytest.raises(
+        DataError, match=r"Home_001_1 is a scan itself; give the folder that holds it, .*/all"
+    ):
+        scans_in(tmp_path / "homes" / "all" / "Home_001_1")
+    (tmp_path / "avd.zip").write_bytes(b"PK")
+    with pytest.raises(DataError, match=r"avd\.zip is no folder; unpack it and give the folder that holds"):
+        scans_in(tmp_path / "avd.zip")
+    (tmp_path / "packed").mkdir()
+    (tmp_path / "packed" / "Home_001_1.tar").write_bytes(b"")
+    with pytest.raises(DataError, match=r"packed holds no scan, but the archive Home_001_1\.tar; unpack it"):
+        scans_in(tmp_path / "packed")
+
+
 def test_a_root_without_scans_is_told(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="holds no scan of the Active Vision Dataset; give the folder"):
         scans_in(tmp_path)
-    with pytest.raises(DataError, match="nowhere cannot be read"):
+    with pytest.raises(DataError, match=r"There is no dataset at .*/nowhere; check env\.dataset\.path"):
         scans_in(tmp_path / "nowhere")
     write_homes(tmp_path, homes=2)
     assert list(scans_in(tmp_path)) == ["Home_001_1", "Home_002_1"]

@@ -110,7 +110,7 @@ def test_threads_change_nothing(root: Path, tmp_path: Path) -> None:
 def test_a_broken_photograph_ends_it_by_name_and_leaves_nothing(root: Path, tmp_path: Path, at: int) -> None:
     broken = root / "Home_002_1" / "jpg_rgb" / name(at, "0002")
     broken.write_bytes(b"<html>")
-    with pytest.raises(DataError, match=f"{broken.name} is not a whole JPEG"):
+    with pytest.raises(DataError, match=f"{broken.name} is not a whole picture"):
         prepare(folders(root), size=SIZE, cache=tmp_path / "cache")
     photograph(broken, size=(80, 45))
     with pytest.raises(DataError, match=r"pixels, and others of its scan .*; copy it again"):

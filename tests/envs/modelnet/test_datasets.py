@@ -189,7 +189,7 @@ def test_pictures_that_do_not_fit(tmp_path):
     with pytest.raises(DataError, match=r"'a_train' in .*/cup/train lacks view 7; 12 views, 1 to 12"):
         opened(root)
     root = draw_views(tmp_path / "b", "b", numbers=range(1, 14))
-    with pytest.raises(DataError, match=r"'b_train' in .* has a view 13; 12 views"):
+    with pytest.raises(DataError, match=r"'b_test' in .* has a view 13; 12 views"):
         opened(root)
     root = draw_views(tmp_path / "c", "c")
     (root / "cup/train/c_train_v3.jpg").write_bytes(b"")
@@ -201,18 +201,35 @@ def test_pictures_that_do_not_fit(tmp_path):
         opened(root)
 
 
-@pytest.mark.parametrize("ending", ["png", "jpg"])
+@pytest.mark.parametrize("ending", ["png", "jpg", "webp", "bmp", "tif"])
 def test_a_picture_that_is_none(tmp_path, ending):
     root = draw_views(tmp_path, "a", form="{name}_{i:03d}." + ending)
     path = root / f"cup/train/a_train_002.{ending}"
     whole = path.read_bytes()
-    for data in (b"", b"GIF89a", whole[: len(whole) // 2], whole[:-8]):
+    for data in (b"", b"no picture", whole[: len(whole) // 2], whole[:-8]):
         path.write_bytes(data)
-        with pytest.raises(DataError, match=rf"a_train_002\.{ending} is not a whole picture"):
+        with pytest.raises(DataError, match=rf"a_train_002\.{ending} is not a whole picture; copy it again"):
             look(opened(root))
+    path.write_bytes(b"GIF89a")
+    with pytest.raises(
+        DataError, match=rf"2\.{ending} is in GIF's format, which is not read; convert it to PNG"
+    ):
+        look(opened(root))
     cv2.imwrite(str(path), np.zeros((24, 32), np.uint8))
     with pytest.raises(DataError, match=r"is 32 x 24 pixels, but views are square"):
         look(opened(root))
+
+
+def test_a_picture_is_read_by_what_it_is_and_not_by_its_name(tmp_path):
+    """As another format than its ending says, and with bytes after its end, as motion photographs have."""
+    root = draw_views(tmp_path, "a", form="{name}_{i:03d}.jpg")
+    plain = look(opened(root))
+    for i, ending in enumerate((".jpg", ".webp", ".png", ".tif", ".bmp"), 1):
+        path = root / f"cup/train/a_train_{i:03d}.jpg"
+        path.write_bytes(
+            cv2.imencode(ending, cv2.imread(str(path), -1))[1].tobytes() + b"\xff\xd8 film" * 300
+        )
+    np.testing.assert_allclose(look(opened(root)).astype(int), plain, atol=1)
 
 
 def test_paths_with_nothing_to_read(tmp_path):
@@ -228,21 +245,30 @@ def test_paths_with_nothing_to_read(tmp_path):
     says(tmp_path / "a.zip", "is not a whole zip; download it again")
     empty = tmp_path / "empty"
     empty.mkdir()
-    says(empty, "empty is empty; meshes are looked for in .*/CLASS/train and .*/CLASS/test")
+    says(empty, "empty is empty; objects are looked for in .*/CLASS/train and .*/CLASS/test")
     lay_out(tmp_path / "flat", ["cup_1.off"])
-    says(tmp_path / "flat", "has no class folders; meshes are looked for")
+    says(tmp_path / "flat", "has no class folders; objects are looked for")
     lay_out(tmp_path / "inner", ["train/cup_1.off", "test/cup_2.off"])
-    says(tmp_path / "inner", "has no class folders")
+    says(tmp_path / "inner", "has no class folders, its train and test hold files themselves; objects are")
+    lay_out(tmp_path / "bare", ["cup/cup_1.off", "bowl/cup_2.off"])
+    says(tmp_path / "bare", "has folders, but none of them is called train or test; objects are looked for")
+    lay_out(tmp_path / "half", ["train/cup/1.off", "train/bowl/2.off"])
+    says(tmp_path / "half", "has only train/; objects are looked for in .*/CLASS/train and")
+    lay_out(tmp_path / "apart", ["train/cup/1.off", "test/bowl/2.off"])
+    says(tmp_path / "apart", "has no class both in train and in test; objects")
 
 
 def test_an_object_that_would_be_overlooked(tmp_path):
     both = ["cup/train/1.off", "cup/test/2.off"]
     with pytest.raises(DataError, match=r"Class folders stand both in .*/a and in .*/b; give one"):
         opened(lay_out(tmp_path / "two", [f"{top}/{f}" for top in "ab" for f in both]))
-    for stray in ("cup/3.off", "cup/train/more/3.off", "cup/valid/3.off"):
+    for stray in ("cup/3.off", "cup/more/3.off", "cup/more/much/3.off", "3.off"):
         root = lay_out(tmp_path / stray.replace("/", "_"), [*both, stray])
-        with pytest.raises(DataError, match=f"{stray} would be overlooked"):
+        with pytest.raises(DataError, match=f"/{stray} would be overlooked"):
             opened(root)
+    root = lay_out(tmp_path / "first", ["train/cup/1.off", "test/cup/2.off", "train/3.off"])
+    with pytest.raises(DataError, match=r"train/3\.off would be overlooked, as it is in no class folder"):
+        opened(root)
     root = lay_out(tmp_path / "bare", [*both, "bowl/1.off"])
     with pytest.raises(DataError, match=r"bowl/1\.off would be overlooked"):
         opened(root)
@@ -294,3 +320,170 @@ def test_a_damaged_zip_names_the_member(meshes, tmp_path):
     path.write_bytes(data)
     with pytest.raises(DataError, match=r"a\.zip/bowl/train/bowl_train_0\.off is damaged inside the zip"):
         look(opened(path))
+
+
+SAME = ["cup/cup_a", "cup/cup_b", "cup/cup_c", "cup/cup_d"]
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "{category}/{split}/{name}.off",
+        "{split}/{category}/{name}.off",
+        "Net/{split}/{category}/{name}.off",
+        "{category}/{split}/{name}/model.off",
+        "{split}/{category}/{name}/models/model_normalized.off",
+        "{category}/{Split}/{name}.off",
+        "{split}ing/{category}/{name}.off",
+    ],
+)
+@pytest.mark.parametrize("packed", [False, True])
+def test_layouts(tmp_path, form, packed):
+    rows = [(c, s, n) for c in CLASSES for s, names in (("train", "abc"), ("test", "d")) for n in names]
+    files = [form.format(category=c, split=s, Split=s.title(), name=f"{c}_{n}") for c, s, n in rows]
+    root = lay_out(tmp_path / "net", files)
+    dataset = opened(zip_of(root, tmp_path / "net.zip") if packed else root)
+    assert dataset.classes == CLASSES
+    assert [i.name for i in dataset.items if i.category == "cup"] == SAME
+    assert [i.split for i in dataset.items] == ["train", "val", "train", "test"] * 2
+
+
+def test_a_class_called_train_is_a_class(tmp_path):
+    for i, form in enumerate(("{c}/{s}/{n}.off", "{s}/{c}/{n}.off")):
+        files = [form.format(c=c, s=s, n=s) for c in ("bus", "train") for s in ("train", "test")]
+        assert opened(lay_out(tmp_path / str(i), files)).classes == ("bus", "train")
+
+
+@pytest.mark.parametrize("form", ["{c}/{s}/{n}.off", "{s}/{c}/{n}.off"])
+@pytest.mark.parametrize("val", ["val", "valid", "Validation"])
+def test_a_val_folder_is_the_validation_split(tmp_path, form, val):
+    rows = [("train", 12), (val, 2), ("test", 2)]
+    root = lay_out(tmp_path, [form.format(c="cup", s=s, n=f"{s}{i}") for s, n in rows for i in range(n)])
+    for split, less in (("official", 0), ("lsdnet", 1)):
+        found = [item.split for item in opened(root, split=split).items]
+        assert found == ["train"] * (12 - less) + ["val"] * 2 + ["test"] * (2 - less)
+
+
+def test_pictures_in_a_folder_of_their_object(tmp_path):
+    root = draw_views(tmp_path / "flat", "a")
+    for path in sorted(root.rglob("*.png")):
+        stem, _, number = path.stem.rpartition("_")
+        for to in (f"one/{{}}/{stem}/{number}.png", f"two/{{}}/{stem}/rendering/view-{number}.png"):
+            to = tmp_path / to.format(path.parent.relative_to(root).as_posix())
+            to.parent.mkdir(parents=True, exist_ok=True)
+            to.write_bytes(path.read_bytes())
+    for name in ("one", "two"):
+        dataset = opened(tmp_path / name)
+        assert [i.name for i in dataset.items] == ["cup/a_train", "cup/a_test"]
+        np.testing.assert_array_equal(look(dataset), look(opened(root)))
+    extra = tmp_path / "two/cup/train/a_train/mask-001.png"
+    extra.write_bytes(b"")
+    with pytest.raises(DataError, match=r"is not of the same series as others in the folder of 'a_train'"):
+        opened(tmp_path / "two")
+    lay_out(tmp_path / "three", ["cup/train/a/1.off", "cup/train/a/2.off", "cup/test/b/1.off"])
+    with pytest.raises(DataError, match=r"a/1\.off and 2\.off are in the folder of one object"):
+        opened(tmp_path / "three")
+
+
+COMPANIONS = [
+    "Thumbs.db", "thumbs.db", "cup/train/THUMBS.DB", "cup/train/Icon\r", "cup/train/a.off:Zone.Identifier",
+    "cup/train/@eaDir/a.off/SYNOFILE.off", "lost+found/x.off", "$RECYCLE.BIN/y.off", "__MACOSX/._a.off",
+    ".git/cup/train/z.off", "cup/train/a.off~", "cup/train/LICENSE", "README", "cup/README.md",
+    "cup/meta.json", "cup/train/a.mtl", "cup/train/a.bin", "preview.png", "notes/about.txt",
+]  # fmt: skip
+
+
+def test_what_lies_beside_objects_is_passed_over(tmp_path):
+    root = lay_out(tmp_path, ["cup/train/a.off", "cup/train/b.off", "cup/test/c.off", *COMPANIONS])
+    assert [i.name for i in opened(root, classes=["cup"]).items] == ["cup/a", "cup/b", "cup/c"]
+
+
+def test_textures_of_meshes_that_have_them_are_passed_over(tmp_path):
+    textures = ["cup/train/wood.png", "cup/train/textures/oak.JPG", "cup/textures/a.tga", "textures/b.webp"]
+    textures += [
+        "cup/test/c/images/texture0.jpg",
+        "cup/test/c/models/x.mtl",
+        "cup/test/c/screenshots/c-1.png",
+    ]
+    root = lay_out(tmp_path, ["cup/train/a.obj", "cup/train/b.off", "cup/test/c/models/c.obj", *textures])
+    assert [i.name for i in opened(root).items] == ["cup/a", "cup/b", "cup/c"]
+    lay_out(root, ["cup/train/d/wood.png"])
+    with pytest.raises(DataError, match=r"holds meshes .* and pictures \(.*d/wood\.png\) side by side"):
+        opened(root)
+
+
+@pytest.mark.parametrize(
+    ("stray", "sentence"),
+    [
+        ("cup/train/all.zip", "is packed, and what is in it would be overlooked; unpack"),
+        ("cup/train/a.off.gz", "is packed"),
+        ("cup/train/mug", "has no ending that tells its format; name it by its format or remove it"),
+        ("cup/train/a_001.heic", "is a picture in a format that is not read; convert it to PNG"),
+    ],
+)
+def test_files_that_may_hold_objects_are_named(meshes, stray, sentence):
+    lay_out(meshes, [stray])
+    with pytest.raises(DataError, match=f"{stray} {sentence}"):
+        opened(meshes)
+
+
+def test_a_folder_of_nothing_but_the_zip(meshes, tmp_path):
+    folder = tmp_path / "download"
+    folder.mkdir()
+    zip_of(meshes, folder / "Net.zip")
+    with pytest.raises(
+        DataError, match=r"but the archive .*/Net\.zip; give env\.dataset\.path=.*/Net\.zip\."
+    ):
+        opened(folder)
+    (folder / "Net.zip").unlink()
+    (folder / "Net.tar.gz").write_bytes(b"\x1f\x8b")
+    with pytest.raises(DataError, match=r"but the archive .*/Net\.tar\.gz; unpack it and give the folder"):
+        opened(folder)
+    with pytest.raises(DataError, match=r"Net\.tar\.gz is not read packed like that; unpack it and give the"):
+        opened(folder / "Net.tar.gz")
+
+
+class _ForeignInfo(zipfile.ZipInfo):
+    """An entry whose name is written as the bytes it has in code page 437, without a mark of UTF-8."""
+
+    def _encodeFilenameFlags(self):
+        return self.filename.encode("cp437"), 0
+
+
+def zip_with_names(path, names, encoding):
+    with zipfile.ZipFile(path, "w") as archive:
+        for i, name in enumerate(names):
+            archive.writestr(_ForeignInfo(name.encode(encoding).decode("cp437")), off(i))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("encoding", "name"), [("utf-8", "椅子"), ("cp437", "Stühle"), ("gbk", "椅子"), ("utf-8", "Cafe\u0301")]
+)
+@pytest.mark.parametrize("slash", ["/", "\\"])
+def test_zips_made_elsewhere(tmp_path, encoding, name, slash):
+    files = [f"{name}{slash}{s}{slash}{name}_{s}.off" for s in ("train", "test")]
+    dataset = opened(zip_with_names(tmp_path / "a.zip", files, encoding))
+    assert [item.name for item in dataset.items] == [f"{name}/{name}_train", f"{name}/{name}_test"]
+    assert look(dataset).shape == (12, 16, 16)
+
+
+def test_a_zip_in_a_code_page_that_cannot_be_told(tmp_path):
+    path = zip_with_names(tmp_path / "a.zip", ["いす/train/a.off", "いす/test/b.off"], "shift-jis")
+    with pytest.raises(
+        DataError, match=r"a\.zip has names in a code page that cannot be told, such as .*; extract"
+    ):
+        opened(path)
+
+
+def test_names_that_are_not_utf8(tmp_path):
+    """Latin-1 names of files and classes are read, and can be written into a cache and messages."""
+    for i, name in enumerate((b"train/caf\xe9.off", b"test/th\xe9.off")):
+        path = os.fsencode(tmp_path) + b"/net/tass\xe9/" + name
+        os.makedirs(os.path.dirname(path), exist_ok=True)  # noqa: PTH103, PTH120
+        with open(path, "w") as file:  # noqa: PTH123
+            file.write(off(i))
+    dataset = opened(tmp_path / "net")
+    assert [item.name for item in dataset.items] == ["tassé/café", "tassé/thé"]
+    assert look(dataset).shape == (12, 16, 16)
+    assert dataset.source.files.where(dataset.items[0].parts[0]).endswith("tassé/train/café.off")
