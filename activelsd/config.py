@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Final, Literal
@@ -114,6 +115,11 @@ class RunConfig(Section):
     def _parts_fit(self) -> RunConfig:
         if self.train.actors == "ga3c" and len(self.worlds) > 1:
             raise ConfigError("train.actors=ga3c plays one world; for several set train.actors=resident.")
+        if sys.platform == "win32" and self.train.actors == "ga3c" and self.train.ga3c.kind == "processes":
+            raise ConfigError(
+                "train.ga3c.kind=processes needs Linux or macOS; set train.ga3c.kind=threads, or leave out"
+                " train.actors=ga3c."
+            )
         for switch in ("amp", "compile", "cuda_graphs"):
             if getattr(self.train, switch) and self.train.actors != "resident":
                 raise ConfigError(

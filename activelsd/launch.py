@@ -84,7 +84,7 @@ def resume(folder: Path, words: Sequence[str]) -> Path:
         worlds = open_worlds(config, group)
         if words and group.rank == 0:
             temporary = folder / f"{CONFIG}.tmp"
-            temporary.write_text(dump(config))
+            temporary.write_text(dump(config), "utf-8")
             temporary.replace(folder / CONFIG)
         return _train(config, run, worlds, device, group)
 
@@ -151,7 +151,9 @@ def _start_from(checkpoint: Path, run: Run, network: LSDNet, device: str, group:
     network.load_state_dict(state)
     if group.rank > 0:
         return
-    (run.folder / INIT).write_text(json.dumps({"from": str(checkpoint), **rows._asdict()}, indent=1) + "\n")
+    (run.folder / INIT).write_text(
+        json.dumps({"from": str(checkpoint), **rows._asdict()}, indent=1) + "\n", "utf-8"
+    )
     notice(
         f"Started from {checkpoint}: kept trunk, memory, value and {len(rows.kept)} of "
         f"{len(rows.kept) + len(rows.fresh)} rows of the head ({_some(rows.kept)}); "

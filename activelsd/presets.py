@@ -50,7 +50,7 @@ def read_settings(file: Path, prefix: str = "") -> dict[str, Setting]:
         ConfigError: the file is missing, or is not YAML, or holds no settings.
     """
     try:
-        content = yaml.load(file.read_text(), TextLoader)
+        content = yaml.load(file.read_text("utf-8"), TextLoader)
     except OSError as error:
         raise ConfigError(f"{file} cannot be read ({error.strerror}); name another file.") from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:

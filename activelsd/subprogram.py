@@ -8,9 +8,11 @@ process group, which can be killed at once.
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 NUMBER = "ACTIVELSD_PROCESS"
@@ -34,6 +36,18 @@ def start(module: str, pass_fds: Sequence[int] = (), number: int | None = None) 
         stdout=subprocess.PIPE,
         bufsize=0,  # a selector does not see what Python has read ahead
         start_new_session=True,
+        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # Windows' own way
         pass_fds=pass_fds,
         env=os.environ | {"OMP_NUM_THREADS": "1"} | ({} if number is None else {NUMBER: str(number)}),
     )
+
+
+def kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill a program, unless it has ended, and whatever it started; on Windows the program only."""
+    if process.poll() is not None:
+        return
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)

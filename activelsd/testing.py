@@ -77,12 +77,12 @@ def _check_settings(settings: WorldSettings, folder: Path) -> list[str]:
     )
     assert settings.about, "the class attribute `about` says nothing"
     file = folder / "world.yaml"
-    file.write_text(dump(settings))
+    file.write_text(dump(settings), "utf-8")
     words = [f"env={file}"]
     config = resolve(words)
     assert config.env == settings, f"the settings came back otherwise from their file: {config.env}"
     whole = folder / "config.yaml"
-    whole.write_text(dump(config))
+    whole.write_text(dump(config), "utf-8")
     assert load(whole) == config, "a run's config came back otherwise from its file"
     described = [name for name, field in type(settings).model_fields.items() if not field.description]
     assert not described, f"the settings {described} have no description"

@@ -23,7 +23,7 @@ def write_versions(folder: Path, parts: Iterable[tuple[Registry, str]]) -> None:
     others = {f"{kind} {name}": " ".join(one) for (kind, name), one in brought.items() if one}
     versions = system | {package: _version(package) for package in packages}
     content = versions | dict(one for one in brought.values() if one) | {_PARTS: others}
-    (folder / FILE).write_text(json.dumps(content, indent=1) + "\n")
+    (folder / FILE).write_text(json.dumps(content, indent=1) + "\n", "utf-8")
 
 
 def check_parts(folder: Path) -> None:
@@ -34,7 +34,7 @@ def check_parts(folder: Path) -> None:
     """
     kinds = {one.kind: one for one in ALL}
     try:
-        parts: dict[str, str] = json.loads((folder / FILE).read_text())[_PARTS]
+        parts: dict[str, str] = json.loads((folder / FILE).read_text("utf-8"))[_PARTS]
     except (OSError, ValueError, KeyError, TypeError):
         return
     for part, package in parts.items():

@@ -1,12 +1,11 @@
 """The files that views are kept in: each is made once, block by block, and resumed after an interruption.
 
 HDF5 is closed while views are written: its metadata is written first, then bytes go to known places in the
-file. So a process that is killed, even by SIGKILL, leaves a file that the next one goes on with. POSIX only.
+file. So a process that is killed, even by SIGKILL, leaves a file that the next one goes on with.
 """
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import logging
@@ -16,7 +15,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +23,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.locks import locked
 from activelsd.envs.viewgraph import (
     ViewGraph,
     load_graph,
+    open_hdf5,
     read_key,
     replace_durably,
     seal,
@@ -203,7 +204,7 @@ class PartialGraph:
         assert self.done.all()
         self._file.close()
         with writing(self._path.parent):
-            with h5py.File(self._partial, "r+") as file:
+            with open_hdf5(self._partial, "r+") as file:
                 del file[_DONE], file.attrs[_KEY]
                 seal(file, self._key)
             replace_durably(self._partial, self._path)
@@ -230,7 +231,7 @@ class PartialGraph:
     def _places(self) -> dict[str, int] | None:
         """Offsets of pictures and done marks in the file; None if there is none to go on with."""
         try:
-            with h5py.File(self._partial, "r") as file:
+            with open_hdf5(self._partial) as file:
                 if file.attrs.get(_KEY) != json.dumps(self._key, sort_keys=True):
                     return None
                 return {name: file[name].id.get_offset() for name in (*self._bounds, _DONE)}
@@ -238,7 +239,7 @@ class PartialGraph:
             return None
 
     def _begin(self, graph: ViewGraph, blocks: int, names: Sequence[str] | None) -> dict[str, int]:
-        with h5py.File(self._partial, "w") as file:
+        with open_hdf5(self._partial, "w") as file:
             write_graph(file, graph, skip=frozenset(self._bounds))
             if names is not None:
                 file.create_dataset(_NAMES, data=np.array(names, np.bytes_))
@@ -264,7 +265,7 @@ def read_names(path: Path) -> list[str]:
     """Names of the blocks of a finished file; none if it has no names or is no such file."""
     if read_key(path) is None:
         return []
-    with h5py.File(path, "r") as file:
+    with open_hdf5(path) as file:
         return [name.decode() for name in file[_NAMES][:].tolist()] if _NAMES in file else []
 
 
@@ -282,45 +283,24 @@ def writing(cache: Path) -> Iterator[None]:
 def alone(path: Path) -> Iterator[None]:
     """Keep other processes from preparing the same file; wait as long as another one does.
 
-    The folder is made if need be. A lock ends with its process. After waiting, the file may be there.
+    The folder is made if need be. After waiting, the file may be there.
 
     Raises:
         CacheError: the lock's file cannot be written.
     """
+
+    def waiting(holder: str) -> None:
+        _LOG.warning("Waiting for %s, which is preparing %s.", holder, path)
+
     lock = path.with_name(path.name + ".lock")
-    while True:
+    with ExitStack() as held:
         with writing(path.parent):
-            path.parent.mkdir(parents=True, exist_ok=True)  # a holder who failed may have removed it
-            file = lock.open("a+")
-        with file:
-            with writing(path.parent):
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    file.seek(0)
-                    holder = file.read() or "another process"
-                    _LOG.warning("Waiting for %s, which is preparing %s.", holder, path)
-                    fcntl.flock(file, fcntl.LOCK_EX)
-                if not _is_at(file.fileno(), lock):  # its holder has removed it
-                    continue
-                file.truncate(0)
-                file.write(f"process {os.getpid()} ({_command()})")
-                file.flush()
-            try:
-                yield
-            finally:
-                lock.unlink(missing_ok=True)
-            return
+            note = f"process {os.getpid()} ({_command()})"
+            held.enter_context(locked(lock, note, waiting))
+        yield
 
 
 def _command() -> str:
     """The command line of this process in one line, cut if it is long."""
     command = " ".join(" ".join(sys.argv).split())
     return command if len(command) <= _COMMAND else f"{command[:_COMMAND]}…"
-
-
-def _is_at(descriptor: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(descriptor), path.stat())
-    except FileNotFoundError:
-        return False

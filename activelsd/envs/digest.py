@@ -12,7 +12,7 @@ from pathlib import Path
 _LEFT_OUT = frozenset(
     {
         *("activelsd.errors", "activelsd.registry", "activelsd.sections", "activelsd.subprogram"),
-        *("activelsd.envs.cache", "activelsd.envs.cores", "activelsd.envs.digest"),
+        *("activelsd.envs.cache", "activelsd.envs.cores", "activelsd.envs.digest", "activelsd.envs.locks"),
         *("activelsd.envs.episode", "activelsd.envs.viewgraph", "activelsd.envs.workers"),
     }
 )

@@ -246,10 +246,15 @@ def save_graph(graph: ViewGraph, path: Path, key: Mapping[str, Any]) -> None:
     """Writes a graph to a temporary HDF5 file, then renames it; `key` describes what it was made from."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(path.name + ".tmp")
-    with h5py.File(temporary, "w") as file:
+    with open_hdf5(temporary, "w") as file:
         write_graph(file, graph)
         seal(file, key)
     replace_durably(temporary, path)
+
+
+def open_hdf5(path: Path, mode: str = "r") -> h5py.File:
+    """Opens an HDF5 file without HDF5's own lock, which fails on disks that have none."""
+    return h5py.File(path, mode, locking=False)
 
 
 def write_graph(file: h5py.File, graph: ViewGraph, *, skip: frozenset[str] = frozenset()) -> None:
@@ -272,7 +277,7 @@ def seal(file: h5py.File, key: Mapping[str, Any]) -> None:
 
 def replace_durably(temporary: Path, path: Path) -> None:
     """Renames a finished file to its final name after its bytes have reached the disk."""
-    with temporary.open("rb") as file:
+    with temporary.open("r+b") as file:  # Windows flushes only what may be written
         os.fsync(file.fileno())
     temporary.replace(path)
 
@@ -280,7 +285,7 @@ def replace_durably(temporary: Path, path: Path) -> None:
 def read_key(path: Path) -> dict[str, Any] | None:
     """The key of a cached graph; None if the file is missing or is not a complete graph."""
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT:
                 return None
             key: dict[str, Any] = json.loads(file.attrs["key"])
@@ -296,7 +301,7 @@ def load_graph(path: Path) -> ViewGraph:
         DataError: the file is missing, truncated, or not a graph.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT:
                 raise DataError(f"{path} is not a complete recording; delete it and prepare it again.")
             present = [field.name for field in fields(ViewGraph) if field.name in file]

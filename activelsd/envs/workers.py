@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import selectors
-import signal
 import struct
 import subprocess
 import sys
@@ -18,11 +16,13 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, suppress
 from importlib import import_module
+from queue import Empty, SimpleQueue
+from threading import Thread
 from typing import IO, Any, NamedTuple
 
 from activelsd import errors
 from activelsd.errors import ActiveLSDError
-from activelsd.subprogram import start
+from activelsd.subprogram import kill, start
 
 Item = Mapping[str, Any]
 """A piece of work in values that JSON holds; messages call it by its `name`."""
@@ -40,9 +40,19 @@ _HEAD = struct.Struct("<cQ")
 _RESULT, _ERROR, _CRASH = b"r", b"e", b"c"
 
 
+_WAIT = 0.5
+"""Seconds between two looks for Ctrl-C, which does not end a wait on Windows."""
+
+
 class _Worker(NamedTuple):
     process: subprocess.Popen[bytes]
     given: deque[tuple[int, Item]]  # sent and not answered yet, in order
+
+
+class _Answer(NamedTuple):
+    worker: _Worker
+    kind: bytes  # empty if the process has ended
+    data: bytes
 
 
 def spread(
@@ -72,14 +82,18 @@ def spread(
         return
     queue = iter(items)
     workers: list[_Worker] = []
+    answers: SimpleQueue[_Answer] = SimpleQueue()
+    readers: list[Thread] = []
     try:
         for number in range(processes):
             workers.append(_Worker(start(__name__, number=number), deque()))
+            readers.append(Thread(target=_read_answers, args=(workers[-1], answers), daemon=True))
+            readers[-1].start()
             _send(workers[-1], {"maker": maker, "job": job})
         for _ in range(_AHEAD):
             for worker in workers:
                 _give(worker, queue)
-        yield from _results(workers, queue)
+        yield from _results(workers, answers, queue)
         for worker in workers:
             _pipe(worker.process.stdin).close()
         for worker in workers:
@@ -87,7 +101,11 @@ def spread(
                 worker.process.wait(_GRACE)
     finally:
         for worker in workers:
-            _end(worker)
+            kill(worker.process)
+            _pipe(worker.process.stdin).close()
+            worker.process.wait()
+        for reader in readers:
+            reader.join(_GRACE)
 
 
 def _made(maker: str, job: Mapping[str, Any]) -> AbstractContextManager[Work]:
@@ -96,20 +114,22 @@ def _made(maker: str, job: Mapping[str, Any]) -> AbstractContextManager[Work]:
     return made
 
 
-def _results(workers: list[_Worker], queue: Iterator[tuple[int, Item]]) -> Iterator[tuple[int, bytes]]:
-    with selectors.DefaultSelector() as selector:
-        for worker in workers:
-            if worker.given:
-                selector.register(_pipe(worker.process.stdout), selectors.EVENT_READ, worker)
-        while any(worker.given for worker in workers):
-            for ready, _ in selector.select():
-                worker = ready.data
-                data = _answer(worker)
-                number, _ = worker.given.popleft()
-                _give(worker, queue)
-                if not worker.given:
-                    selector.unregister(ready.fileobj)
-                yield number, data
+def _results(
+    workers: list[_Worker], answers: SimpleQueue[_Answer], queue: Iterator[tuple[int, Item]]
+) -> Iterator[tuple[int, bytes]]:
+    while any(worker.given for worker in workers):
+        answer = _next(answers)
+        worker = answer.worker
+        data = _result(answer)
+        number, _ = worker.given.popleft()
+        _give(worker, queue)
+        yield number, data
+
+
+def _next(answers: SimpleQueue[_Answer]) -> _Answer:
+    while True:
+        with suppress(Empty):
+            return answers.get(timeout=_WAIT)
 
 
 def _send(worker: _Worker, message: object) -> None:
@@ -124,38 +144,43 @@ def _give(worker: _Worker, queue: Iterator[tuple[int, Item]]) -> None:
         _send(worker, following[1])
 
 
-def _answer(worker: _Worker) -> bytes:
+def _result(answer: _Answer) -> bytes:
     """The result of the first item that a worker has."""
-    kind, length = _HEAD.unpack(_read(worker, _HEAD.size))
-    data = _read(worker, length)
+    worker, kind, data = answer
     if kind == _ERROR:
         name, _, message = data.decode().partition(":")
         raise getattr(errors, name)(message)
     if kind == _CRASH:
         raise RuntimeError(f"Preparing {worker.given[0][1]['name']} failed:\n{data.decode()}")
+    if kind != _RESULT:
+        raise ActiveLSDError(
+            f"The process that prepared {worker.given[0][1]['name']} ended by itself (code"
+            f" {worker.process.wait()}), perhaps because memory ran out; start again to go on from there."
+        )
     return data
 
 
-def _read(worker: _Worker, length: int) -> bytes:
-    data, pipe = bytearray(), _pipe(worker.process.stdout)
+def _read_answers(worker: _Worker, answers: SimpleQueue[_Answer]) -> None:
+    """Put a worker's answers into a queue until it ends; selectors know no pipes on Windows, threads do."""
+    with _pipe(worker.process.stdout) as pipe:
+        while head := _read(pipe, _HEAD.size):
+            kind, length = _HEAD.unpack(head)
+            data = _read(pipe, length)
+            if length and not data:
+                break
+            answers.put(_Answer(worker, kind, data))
+    answers.put(_Answer(worker, b"", b""))
+
+
+def _read(pipe: IO[bytes], length: int) -> bytes:
+    """So many bytes of a pipe; none if it ends before."""
+    data = bytearray()
     while len(data) < length:
         some = pipe.read(length - len(data))
         if not some:
-            raise ActiveLSDError(
-                f"The process that prepared {worker.given[0][1]['name']} ended by itself (code"
-                f" {worker.process.wait()}), perhaps because memory ran out; start again to go on from there."
-            )
+            return b""
         data += some
     return bytes(data)
-
-
-def _end(worker: _Worker) -> None:
-    if worker.process.poll() is None:
-        with suppress(ProcessLookupError):
-            os.killpg(worker.process.pid, signal.SIGKILL)
-    for pipe in (worker.process.stdin, worker.process.stdout):
-        _pipe(pipe).close()
-    worker.process.wait()
 
 
 def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:

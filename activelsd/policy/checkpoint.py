@@ -24,7 +24,7 @@ def save_network(network: LSDNet, folder: Path) -> None:
     """Write weights, action names and shape into an existing folder, which the caller renames into place."""
     save_tensors(network.state_dict(), folder / WEIGHTS)
     meaning = {"actions": network.tree.to_dict(), "shape": asdict(network.shape)}
-    (folder / MEANING).write_text(json.dumps(meaning, indent=1) + "\n")
+    (folder / MEANING).write_text(json.dumps(meaning, indent=1) + "\n", "utf-8")
 
 
 def load_network(folder: Path, device: str | torch.device = "cpu") -> LSDNet:
@@ -34,7 +34,7 @@ def load_network(folder: Path, device: str | torch.device = "cpu") -> LSDNet:
         RunError: the files are missing, truncated or foreign, or no installed package has a part they name.
     """
     try:
-        meaning = json.loads((folder / MEANING).read_text())
+        meaning = json.loads((folder / MEANING).read_text("utf-8"))
         network = LSDNet(ActionTree(meaning["actions"]), _shape(meaning["shape"]))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise RunError(

@@ -31,12 +31,12 @@ class JsonLines:
         """Open for appending; drops rows after step `up_to`, which a resumed run writes again."""
         kept = []
         if path.exists():
-            lines = path.read_text().splitlines()
+            lines = path.read_text("utf-8").splitlines()
             kept = [line for line in lines if line.endswith("}") and json.loads(line)["step"] <= up_to]
         temporary = path.with_name(path.name + ".tmp")
-        temporary.write_text("".join(line + "\n" for line in kept))
+        temporary.write_text("".join(line + "\n" for line in kept), "utf-8")
         temporary.replace(path)
-        self._file = path.open("a")
+        self._file = path.open("a", encoding="utf-8")
 
     def write(self, step: int, metrics: Mapping[str, float]) -> None:
         """Append a row."""
@@ -56,7 +56,7 @@ class TensorBoard:
         from torch.utils.tensorboard import SummaryWriter
 
         file = folder / METRICS
-        rows = file.read_text().splitlines() if file.exists() else []
+        rows = file.read_text("utf-8").splitlines() if file.exists() else []
         purge = json.loads(rows[-1])["step"] + 1 if rows else None
         self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=purge)
 

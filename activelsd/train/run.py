@@ -59,7 +59,7 @@ class Run:
                 ) from None
             break
         write_versions(folder, parts)
-        (folder / CONFIG).write_text(config)
+        (folder / CONFIG).write_text(config, "utf-8")
         return cls(folder)
 
     @classmethod
@@ -78,7 +78,7 @@ class Run:
     @property
     def config(self) -> str:
         """The resolved config as YAML."""
-        return (self.folder / CONFIG).read_text()
+        return (self.folder / CONFIG).read_text("utf-8")
 
     @property
     def checkpoint(self) -> Path:
@@ -107,9 +107,11 @@ class Run:
         temporary.mkdir(parents=True)
         save_network(network, temporary)
         save_tensors(tensors, temporary / "training.safetensors")
-        (temporary / "training.json").write_text(json.dumps({"step": step, **progress}, indent=1) + "\n")
+        (temporary / "training.json").write_text(
+            json.dumps({"step": step, **progress}, indent=1) + "\n", "utf-8"
+        )
         for path in temporary.iterdir():
-            with path.open("rb") as file:
+            with path.open("r+b") as file:
                 os.fsync(file.fileno())
         shutil.rmtree(final, ignore_errors=True)
         temporary.rename(final)
@@ -120,7 +122,7 @@ class Run:
         """The tensors and progress that `save` was given, from the newest checkpoint."""
         path = self.checkpoint / "training.json"
         try:
-            progress: dict[str, Any] = json.loads(path.read_text())
+            progress: dict[str, Any] = json.loads(path.read_text("utf-8"))
         except (OSError, ValueError) as error:
             raise RunError(
                 f"{path} cannot be read ({error}); delete {path.parent} to resume from an earlier one."

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from activelsd.envs.cache import alone, make_once
-from activelsd.errors import CacheError, DataError
+from activelsd.envs.cache import make_once
+from activelsd.errors import DataError
 
 
 def test_who_waits_tries_again_after_one_that_failed(
@@ -46,15 +46,3 @@ def test_who_waits_tries_again_after_one_that_failed(
     assert message.startswith(f"Waiting for process {os.getpid()} (")
     assert message.endswith(f"), which is preparing {path}.")
     assert not path.parent.exists()
-
-
-def test_a_disk_without_locks_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def flock(file: object, how: int) -> None:
-        raise OSError(37, "No locks available")
-
-    monkeypatch.setattr("fcntl.flock", flock)
-    with (
-        pytest.raises(CacheError, match=r"cannot be written \(No locks available\); make room"),
-        alone(tmp_path / "a"),
-    ):
-        pass

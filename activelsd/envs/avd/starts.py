@@ -92,7 +92,7 @@ def write_scores(graph: ViewGraph, scores: BoxScores, file: Path) -> None:
     """Writes scores as CSV, one row per box: scene, view, target, score, right."""
     assert graph.pair_of is not None
     temporary = file.with_name(file.name + ".tmp")
-    with temporary.open("w", newline="") as stream:
+    with temporary.open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream)
         table.writerow(COLUMNS)
         for view, target in np.argwhere(graph.pair_of >= 0):
@@ -111,7 +111,7 @@ def read_scores(graph: ViewGraph, file: Path) -> BoxScores:
     assert graph.pair_of is not None
     assert graph.boxes is not None
     try:
-        with file.open(newline="") as stream:
+        with file.open(encoding="utf-8", newline="") as stream:
             table = csv.DictReader(stream)
             rows = {
                 (r["scene"], r["view"], r["target"]): (float(r["score"]), r["right"] == "1") for r in table

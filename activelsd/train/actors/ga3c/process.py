@@ -33,8 +33,8 @@ from activelsd.train.actors.ga3c.stepper import Env, LocalStepper, check_actions
 _FAILED = b"!"
 """Announces an error; any other byte is a lane."""
 
-_WHERE = signal.SIGUSR1
-"""Makes a process write its tracebacks to its trace file."""
+_WHERE: int = getattr(signal, "SIGUSR1", 0)
+"""Makes a process write its tracebacks to its trace file; Windows, where no such process runs, has none."""
 
 _GRACE = 2.0
 """Seconds for a process to close its environments before it is killed."""
