@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import IO
 
 EVERY = 5.0
@@ -17,39 +18,55 @@ def notice(text: str) -> None:
     sys.stderr.write(f"{text}\n")
 
 
+class Progress:
+    """A callback (done, total) that shows progress, from its first call on."""
+
+    def __init__(self, shown: Callable[[str], Callable[[int, int], None]], what: str) -> None:
+        self._shown = shown
+        self._show = shown(what)
+
+    def __call__(self, done: int, total: int) -> None:
+        """Shows what is done and what there is in all."""
+        self._show(done, total)
+
+    def stage(self, what: str) -> Progress:
+        """Progress of a part that has a title and counts of its own."""
+        return Progress(self._shown, what)
+
+
 @contextmanager
-def progress(what: str, stream: IO[str] | None = None) -> Iterator[Callable[[int, int], None]]:
-    """Gives a callback (done, total) that shows progress, from its first call on.
+def progress(what: str, stream: IO[str] | None = None) -> Iterator[Progress]:
+    """Gives a callback that shows progress.
 
     On a terminal it draws a bar; elsewhere it writes a plain line every few seconds.
     """
     stream = stream or sys.stderr
     if stream.isatty():
-        with _bar(what, stream) as show:
-            yield show
+        with _bars(stream) as shown:
+            yield Progress(shown, what)
     else:
-        yield _lines(what, stream)
+        yield Progress(partial(_lines, stream=stream), what)
 
 
 @contextmanager
-def _bar(what: str, stream: IO[str]) -> Iterator[Callable[[int, int], None]]:
+def _bars(stream: IO[str]) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
-        Progress,
         TextColumn,
         TimeRemainingColumn,
     )
+    from rich.progress import Progress as Bars
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(file=stream)) as bar:
-        task = bar.add_task(what, visible=False)
+    with Bars(*columns, console=Console(file=stream)) as bars:
 
-        def show(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total, visible=True)
+        def shown(what: str) -> Callable[[int, int], None]:
+            task = bars.add_task(what, visible=False)
+            return lambda done, total: bars.update(task, completed=done, total=total, visible=True)
 
-        yield show
+        yield shown
 
 
 def _lines(what: str, stream: IO[str]) -> Callable[[int, int], None]:

@@ -15,6 +15,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,8 @@ from numpy.typing import NDArray
 
 from activelsd.envs.locks import locked
 from activelsd.envs.viewgraph import (
+    FORMAT,
     ViewGraph,
-    load_graph,
     open_hdf5,
     read_key,
     replace_durably,
@@ -42,6 +43,7 @@ _LOG = logging.getLogger("activelsd")
 _DONE, _NAMES = "done", "block_names"
 _KEY = "partial_key"
 _FLUSH_SECONDS = 2.0
+_TITLE = 160  # letters of a title in a file's name, which has 255 at most
 _COMMAND = 120  # characters of a command line that others are told
 
 
@@ -55,7 +57,8 @@ def default_cache() -> Path:
 def cache_file(cache: Path, title: str, size: int, key: Mapping[str, Any]) -> Path:
     """The file of views of a title and size; its name carries a digest of what they are made from."""
     digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:12]
-    return cache / f"{re.sub(r'[^A-Za-z0-9_.+-]', '_', title)}-{size}px-{digest}.h5"
+    word = re.sub(r"[^A-Za-z0-9_.+-]", "_", title)[:_TITLE]
+    return cache / f"{word}-{size}px-{digest}.h5"
 
 
 def make_once(path: Path, key: Mapping[str, Any], make: Callable[[], None]) -> Path:
@@ -85,12 +88,14 @@ def fill(
     make: Callable[[list[int]], Generator[tuple[int, Pictures], None, None]],
     *,
     names: Sequence[str] | None = None,
+    check: Callable[[list[int]], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Make the pictures of a graph that are not there yet, and the file of it all.
 
-    After a DataError nothing stays behind, since without what is broken the data are others; after anything
-    else, KeyboardInterrupt included, what is done stays for the next time.
+    Whatever ends it early, KeyboardInterrupt included, what is done stays for the next time: for this file,
+    and under its names for others. Blocks without names are dropped after a DataError, since without what is
+    broken the data are others.
 
     Args:
         path: of the file.
@@ -98,17 +103,21 @@ def fill(
         key: what the graph is made from.
         ends: rows of the blocks.
         make: makes the blocks of these numbers, in any order; closed at the end.
-        names: (n,) per block a name that no other frames have; frames of these names are copied from finished
-            files of the same title and size. All blocks have the same number of frames then, and no crops.
+        names: (n,) per block a name that no other frames have; frames of these names are copied from files of
+            the same title and size, unfinished ones too. Blocks are scenes then, and have no crops.
+        check: called with the numbers of the blocks that `make` is to make, before anything is made.
         progress: called with the number of blocks done and of all, at the start and after every block.
     """
     report = progress or (lambda done, total: None)
     partial = PartialGraph(path, graph, key, ends, names)
     try:
         todo, total = set(np.flatnonzero(~partial.done).tolist()), len(partial.done)
-        for block, frames in _known(path, {name: i for i, name in enumerate(names or ()) if i in todo}):
+        known = _elsewhere(path, {name: i for i, name in enumerate(names or ()) if i in todo})
+        todo -= known.keys()
+        if check is not None:
+            check(sorted(todo))
+        for block, frames in _frames(known):
             partial.write(block, frames=frames)
-            todo.remove(block)
         report(total - len(todo), total)
         with closing(make(sorted(todo))) as made:
             for block, pictures in made:
@@ -116,23 +125,52 @@ def fill(
                 todo.remove(block)
                 report(total - len(todo), total)
     except BaseException as error:
-        partial.leave(keep=isinstance(error, CacheError) or not isinstance(error, DataError))
+        broken = isinstance(error, DataError) and not isinstance(error, CacheError)
+        partial.leave(keep=names is not None or not broken)
         raise
     partial.finish()
+    _tidy(path, set(names or ()))
 
 
-def _known(path: Path, wanted: dict[str, int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Blocks wanted by name, with their frames from finished files of the same title and size."""
-    for file in sorted(path.parent.glob(f"{path.name.rpartition('-')[0]}-*.h5")):
-        if not wanted:
-            return
-        names = read_names(file) if file != path else ()
-        rows = [row for row, name in enumerate(names) if name in wanted]
-        if rows:
-            frames = load_graph(file).frames
-            views = len(frames) // len(names)
-            for row in rows:
-                yield wanted.pop(names[row]), frames[row * views : (row + 1) * views]
+def _elsewhere(path: Path, wanted: dict[str, int]) -> dict[int, tuple[Path, int]]:
+    """By number of the blocks wanted by name: the other file that has it, and its number there."""
+    found = {}
+    for file in _files_beside(path, "*.h5") + _files_beside(path, "*.h5.partial"):
+        for number, name in enumerate(read_names(file) if wanted else ()):
+            if name in wanted:
+                found[wanted.pop(name)] = file, number
+    return found
+
+
+def _files_beside(path: Path, ending: str) -> list[Path]:
+    """Other files of the same title and size."""
+    found = sorted(path.parent.glob(f"{path.name.rpartition('-')[0]}-{ending}"))
+    return [file for file in found if file.name.removesuffix(".partial") != path.name]
+
+
+def _frames(known: Mapping[int, tuple[Path, int]]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Blocks with their frames from the files that have them."""
+    by_file: dict[Path, list[tuple[int, int]]] = {}
+    for block, (file, number) in known.items():
+        by_file.setdefault(file, []).append((block, number))
+    for file, blocks in by_file.items():
+        with open_hdf5(file) as content:
+            data, scene_of = content["frames"], content["scene_of"][:]
+            offset, shape = data.id.get_offset(), data.shape
+        frames = np.memmap(file, np.uint8, "r", offset, shape)
+        for block, number in blocks:
+            first, end = np.searchsorted(scene_of, [number, number + 1])
+            yield block, frames[first:end]
+
+
+def _tidy(path: Path, names: AbstractSet[str]) -> None:
+    """Removes unfinished files that nobody works on and that hold nothing but what a finished one has."""
+    for file in _files_beside(path, "*.h5.partial"):
+        held = set(read_names(file)) - {""}
+        locks = file.parent.glob(f"{file.stem}.lock*")
+        if held and held <= names and not any(locks):
+            with suppress(OSError):
+                file.unlink()
 
 
 class PartialGraph:
@@ -262,11 +300,16 @@ def _allot(file: h5py.File, name: str, shape: tuple[int, ...]) -> int:
 
 
 def read_names(path: Path) -> list[str]:
-    """Names of the blocks of a finished file; none if it has no names or is no such file."""
-    if read_key(path) is None:
+    """Names of the blocks of a file, empty for those that are not done; none if it has no names."""
+    try:
+        with open_hdf5(path) as file:
+            if _NAMES not in file or not (file.attrs.get("format") == FORMAT or _DONE in file):
+                return []
+            names = [name.decode() for name in file[_NAMES][:].tolist()]
+            done = file[_DONE][:].tolist() if _DONE in file else [1] * len(names)
+            return [name if there else "" for name, there in zip(names, done, strict=True)]
+    except OSError:  # no such file, or not whole
         return []
-    with open_hdf5(path) as file:
-        return [name.decode() for name in file[_NAMES][:].tolist()] if _NAMES in file else []
 
 
 @contextmanager

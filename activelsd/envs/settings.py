@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, is_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, runtime_checkable
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
@@ -20,6 +20,23 @@ if TYPE_CHECKING:  # settings are read, and complained of, before NumPy is impor
 
 Progress = Callable[[int, int], None]
 """Called with what is done and what there is in all."""
+
+
+def stage(progress: Progress | None, what: str) -> Progress:
+    """Progress of a part that has a title and counts of its own; it is shown where `progress` can do so."""
+    if isinstance(progress, Titled):
+        return progress.stage(what)
+    return lambda done, total: None
+
+
+@runtime_checkable
+class Titled(Protocol):
+    """Progress that can be shown under another title."""
+
+    def stage(self, what: str) -> Progress:
+        """Progress under that title."""
+        ...
+
 
 PaperRules = Literal["V0", "V1", "V2", "V3", "V4", "V5", "V6"]
 

@@ -47,6 +47,7 @@ class ViewGraph:
     start_target: NDArray[np.int32]  # (E,)
     start_split: NDArray[np.uint8]  # (E,) index into SPLITS
     move_branches: tuple[str, ...] | None = None  # n, branch of the action tree of each move; None: navigate
+    left_out: tuple[str, ...] | None = None  # objects of the data set that are broken; not kept in files
     # (V, T) row of `boxes`, -1 if the target is out of sight; None if the target fills every frame
     pair_of: NDArray[np.int32] | None = None
     boxes: NDArray[np.float32] | None = None  # (P, 4) cx, cy, w, h as fractions of the frame

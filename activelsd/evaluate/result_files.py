@@ -49,6 +49,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
         "split": comparison.split,
         "episodes": comparison.reference.episodes,
         "objects": comparison.objects,
+        "left_out": list(comparison.graph.left_out or ()),
         "episodes_per_object": comparison.per_object,
         "seed": comparison.seed,
         "confidence": CONFIDENCE,

@@ -66,6 +66,11 @@ def render_views(
     return np.stack(views)
 
 
+def check_mesh(mesh: Mesh) -> None:
+    """Raises DataError if a mesh cannot be rendered."""
+    _normalised(mesh)
+
+
 def _normalised(mesh: Mesh) -> NDArray[np.float64]:
     """Corners (M, 3, 3) of the faces, centred on their bounding box and scaled into the unit sphere."""
     if len(mesh.faces) == 0:

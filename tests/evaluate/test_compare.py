@@ -59,6 +59,7 @@ def test_json_says_how_all_stand_and_differ(comparison: Comparison, folder: Path
         "test",
         "trained",
     )
+    assert read["left_out"] == []
     assert (read["episodes"], read["objects"], read["episodes_per_object"], read["seed"]) == (54, 9, None, 3)
     assert [one["name"] for one in read["players"]] == ["trained", *ALL]
     for one in read["players"]:

@@ -7,17 +7,20 @@ import json
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from activelsd.envs.cache import Pictures, cache_file, fill, make_once
+from activelsd.envs.cache import Pictures, cache_file, fill, make_once, writing
 from activelsd.envs.cores import cores
 from activelsd.envs.digest import code_digest
 from activelsd.envs.modelnet import sources
+from activelsd.envs.modelnet.broken import BrokenObjects, note, noted, without
 from activelsd.envs.modelnet.datasets import Dataset
-from activelsd.envs.modelnet.sources import AZIMUTHS, PictureFiles
+from activelsd.envs.modelnet.sources import AZIMUTHS, Item, PictureFiles, Shapes
+from activelsd.envs.settings import Progress, stage
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, load_graph
 from activelsd.envs.workers import spread
 from activelsd.errors import DataError
@@ -33,7 +36,8 @@ def prepare(
     elevations: Sequence[float],
     cache: Path,
     workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    check: bool = True,
+    progress: Progress | None = None,
 ) -> Path:
     """The file of a dataset's views, rendered unless it is there.
 
@@ -53,13 +57,15 @@ def prepare(
         elevations: of the cameras in degrees; pictures rendered by others stand for a single one.
         cache: folder to keep the file in; made if need be.
         workers: how many processes render; None for as many as there are cores and work.
+        check: read all objects before any is rendered.
         progress: called with the number of objects done and of all, at the start and after every object.
 
     Returns:
         The path of a file that `open_views` reads.
 
     Raises:
-        DataError: an object is broken, or the cache cannot be written. See `cache.fill` for what stays.
+        BrokenObjects: objects are broken; all of them are named. Views that are made stay.
+        DataError: the cache cannot be written, or elevations are asked for that pictures do not have.
     """
     if isinstance(dataset.source, PictureFiles) and len(elevations) > 1:
         raise DataError(
@@ -67,24 +73,42 @@ def prepare(
             f" {list(elevations)} cannot be had from it; name one, or give meshes."
         )
     levels = [float(elevation) for elevation in elevations]
-    made_by = {"size": size, "elevations": levels, "code": code_digest(sources.__name__)}
+    made_by = _made_by(size, levels)
     names = _frame_names(dataset, made_by)
     objects = _digest([(item.name, name) for item, name in zip(dataset.items, names, strict=True)])
     key = {"dataset": dict(dataset.origin), "objects": objects} | made_by
     path = cache_file(cache, dataset.title, size, key)
 
-    def rendered(todo: list[int]) -> Generator[tuple[int, Pictures], None, None]:
-        count = max(1, min(workers or cores(), len(todo) // _SHARE))
-        job = {"source": dataset.source.spec(), "size": size, "elevations": levels}
+    job = {"source": dataset.source.spec(), "size": size, "elevations": levels}
+
+    def work(what: str, todo: list[int]) -> Generator[tuple[int, bytes], None, None]:
+        """Results of a function of `sources` for objects; raises BrokenObjects at the end if any are."""
+        count, broken = max(1, min(workers or cores(), len(todo) // _SHARE)), {}
         items = ((i, asdict(dataset.items[i])) for i in todo)
-        with closing(spread(f"{sources.__name__}:renderer", job, items, processes=count)) as views:
-            for i, data in views:
-                yield i, {"frames": np.frombuffer(data, np.uint8)}
+        with closing(spread(f"{sources.__name__}:{what}", job, items, processes=count)) as results:
+            for i, data in results:
+                if data[:1] == sources.BROKEN:
+                    broken[i] = data[1:].decode()
+                yield i, data
+        if broken:
+            raise BrokenObjects(dataset, broken)
+
+    def read_all(todo: list[int]) -> None:
+        report = stage(progress, "Checking objects")
+        for done, _ in enumerate(work("checker", todo)):
+            report(done + 1, len(todo))
+
+    def rendered(todo: list[int]) -> Generator[tuple[int, Pictures], None, None]:
+        for i, data in work("renderer", todo):
+            if data[:1] != sources.BROKEN:
+                yield i, {"frames": np.frombuffer(data, np.uint8, offset=1)}
 
     def make() -> None:
         graph = _without_frames(dataset, size, elevations)
         ends = np.arange(1, len(names) + 1) * (len(graph.frames) // len(names))
-        fill(path, graph, key, {"frames": ends}, rendered, names=names, progress=progress)
+        only_read = isinstance(dataset.source, Shapes | PictureFiles)  # there is nothing to do before
+        first = read_all if check and not only_read else None
+        fill(path, graph, key, {"frames": ends}, rendered, names=names, check=first, progress=progress)
 
     return make_once(path, key, make)
 
@@ -94,6 +118,78 @@ def open_views(file: Path, dataset: Dataset) -> ViewGraph:
     splits = np.array([SPLITS.index(item.split) for item in dataset.items], np.uint8)
     graph = load_graph(file)
     return replace(graph, start_split=splits[graph.start_target])
+
+
+def prepared_views(
+    dataset: Dataset,
+    *,
+    size: int,
+    elevations: Sequence[float],
+    cache: Path,
+    skip_broken: bool = False,
+    progress: Progress | None = None,
+) -> ViewGraph:
+    """The views of a dataset, rendered unless they are there.
+
+    Args:
+        dataset: the objects.
+        size: as `prepare`.
+        elevations: as `prepare`.
+        cache: as `prepare`.
+        skip_broken: leave out broken objects; the graph names them, as does the screen. Those that were found
+            broken before are tried again, by themselves: what cannot be read may be readable now.
+        progress: as `prepare`.
+
+    Raises:
+        DataError: as `prepare`; or a class is left with nothing to train or test on.
+    """
+    if not skip_broken:
+        views = prepare(dataset, size=size, elevations=elevations, cache=cache, progress=progress)
+        return open_views(views, dataset)
+    made_by = _made_by(size, [float(elevation) for elevation in elevations])
+    names = _frame_names(dataset, made_by)
+    file = cache / f"broken-{_digest(names)}.json"
+    known = noted(file)
+    reasons = {
+        i: reason
+        for i, name in enumerate(names)
+        if name in known and (reason := _breaks(dataset, dataset.items[i], size, elevations))
+    }
+    prepare_sound = partial(prepare, size=size, elevations=elevations, cache=cache, progress=progress)
+    found, path = _without_broken(dataset, reasons, prepare_sound)
+    if found != reasons:
+        with writing(cache):
+            note(file, names, found)
+    left_out = tuple(dataset.items[i].name for i in found)
+    sound = tuple(item for i, item in enumerate(dataset.items) if i not in found)
+    return replace(open_views(path, replace(dataset, items=sound)), left_out=left_out)
+
+
+def _without_broken(
+    dataset: Dataset, reasons: Mapping[int, str], make: Callable[..., Path], *, check: bool = True
+) -> tuple[dict[int, str], Path]:
+    """Prepares the objects that are not broken; returns why the others are, and the file."""
+    sound = without(dataset, reasons)
+    try:
+        return dict(reasons), make(sound, check=check)
+    except BrokenObjects as error:
+        place = {item.name: i for i, item in enumerate(dataset.items)}
+        found = {place[sound.items[i].name]: reason for i, reason in error.reasons.items()}
+    # The others were read well.
+    return _without_broken(dataset, dict(sorted({**reasons, **found}.items())), make, check=False)
+
+
+def _breaks(dataset: Dataset, item: Item, size: int, elevations: Sequence[float]) -> str | None:
+    """Why an object cannot be rendered; None if it can be."""
+    try:
+        dataset.source.views(item, size=size, elevations=elevations)
+    except DataError as error:
+        return str(error)
+    return None
+
+
+def _made_by(size: int, levels: Sequence[float]) -> dict[str, Any]:
+    return {"size": size, "elevations": list(levels), "code": code_digest(sources.__name__)}
 
 
 def _frame_names(dataset: Dataset, made_by: Mapping[str, Any]) -> list[str]:

@@ -26,6 +26,7 @@ class DatasetSettings(Section):
         "official", description="which objects train and test"
     )
     classes: tuple[str, ...] | None = Field(None, min_length=2, description="only these; null: every class")
+    skip_broken: bool = Field(False, description="leave out objects that cannot be read, and name them")
     train_per_class: int = Field(
         150, ge=2, description="embedded shapes: objects to train on, a tenth for val"
     )
@@ -86,16 +87,16 @@ class ModelNetSettings(WorldSettings):
         """The objects' views, rendered now if they are not in the cache."""
         from activelsd.envs.modelnet.datasets import open_dataset
         from activelsd.envs.modelnet.orbit import ring_table, with_moves
-        from activelsd.envs.modelnet.prepare import open_views, prepare
+        from activelsd.envs.modelnet.prepare import prepared_views
 
         names = [name for _, name in self.named_moves()]
         ring_table(names, len(self.elevations))  # what does not fit is refused before minutes of rendering
-        dataset = open_dataset(self.dataset)
-        file = prepare(
-            dataset,
+        graph = prepared_views(
+            open_dataset(self.dataset),
             size=self.size,
             elevations=self.elevations,
             cache=self.cache_folder,
+            skip_broken=self.dataset.skip_broken,
             progress=progress,
         )
-        return with_moves(open_views(file, dataset), self.move_branches)
+        return with_moves(graph, self.move_branches)

@@ -5,7 +5,7 @@ A source can be described in JSON (`spec`), so that another process can make the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +45,10 @@ class Source(Protocol):
         """uint8 (E * 12, size, size), elevation after elevation. Raises DataError that names what broke."""
         ...
 
+    def check(self, item: Item) -> None:
+        """Raises DataError, as `views` would, as far as that is known before anything is rendered."""
+        ...
+
     def spec(self) -> dict[str, str | int]:
         """The description that `source_from` makes the same source from."""
         ...
@@ -65,6 +69,14 @@ class MeshFiles:
     def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
         """See `Source`."""
         return _rendered(self.mesh(item), self.files.where(item.parts[0]), size, elevations)
+
+    def check(self, item: Item) -> None:
+        """See `Source`."""
+        from activelsd.scenery.orbit_renderer import check_mesh
+
+        mesh = self.mesh(item)
+        with _naming(self.files.where(item.parts[0])):
+            check_mesh(mesh)
 
     def spec(self) -> dict[str, str | int]:
         """See `Source`."""
@@ -91,6 +103,11 @@ class PointFiles:
         """See `Source`."""
         return _rendered(self.mesh(item), self.files.where(item.parts[0]), size, elevations)
 
+    def check(self, item: Item) -> None:
+        """See `Source`."""
+        (path,) = item.parts
+        decode_points(self.files.read(path), self.files.where(path))
+
     def spec(self) -> dict[str, str | int]:
         """See `Source`."""
         return {"kind": "points", "path": str(self.files.root)}
@@ -107,6 +124,9 @@ class PictureFiles:
         del elevations
         pictures = [decode(self.files.read(path), self.files.where(path), size) for path in item.parts]
         return np.stack(pictures)
+
+    def check(self, item: Item) -> None:
+        """See `Source`; to read pictures is all there is to do with them."""
 
     def spec(self) -> dict[str, str | int]:
         """See `Source`."""
@@ -130,6 +150,9 @@ class Shapes:
     def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
         """See `Source`."""
         return _rendered(self.mesh(item), f"The embedded shape {item.name}", size, elevations)
+
+    def check(self, item: Item) -> None:
+        """See `Source`; a shape cannot be broken."""
 
     def spec(self) -> dict[str, str | int]:
         """See `Source`."""
@@ -156,16 +179,37 @@ FILES: Mapping[str, type[MeshFiles] | type[PointFiles] | type[PictureFiles]] = {
 """What makes the views, by the kind of the files."""
 
 
+WHOLE, BROKEN = b"+", b"-"
+"""First byte of what `renderer` and `checker` return: the rest is the result, or why there is none."""
+
+
 @contextmanager
 def renderer(job: Mapping[str, Any]) -> Iterator[Work]:
     """Makes the views of items from the source of a job, see `workers.spread`."""
     source = source_from(job["source"])
+    yield _work(lambda item: source.views(item, size=job["size"], elevations=job["elevations"]).tobytes())
 
-    def render(item: Mapping[str, Any]) -> bytes:
-        known = Item(**{**item, "parts": tuple(item["parts"])})
-        return source.views(known, size=job["size"], elevations=job["elevations"]).tobytes()
 
-    yield render
+@contextmanager
+def checker(job: Mapping[str, Any]) -> Iterator[Work]:
+    """Checks items of the source of a job, see `workers.spread`."""
+    source = source_from(job["source"])
+
+    def check(item: Item) -> bytes:
+        source.check(item)
+        return b""
+
+    yield _work(check)
+
+
+def _work(do: Callable[[Item], bytes]) -> Work:
+    def work(item: Mapping[str, Any]) -> bytes:
+        try:
+            return WHOLE + do(Item(**{**item, "parts": tuple(item["parts"])}))
+        except DataError as error:
+            return BROKEN + str(error).encode()
+
+    return work
 
 
 def _rendered(mesh: Mesh, name: str, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:

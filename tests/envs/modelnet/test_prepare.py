@@ -15,7 +15,8 @@ import pytest
 
 from activelsd.envs import cache, digest, workers
 from activelsd.envs.cache import PartialGraph
-from activelsd.envs.modelnet.prepare import open_views, prepare
+from activelsd.envs.modelnet.broken import BrokenObjects
+from activelsd.envs.modelnet.prepare import open_views, prepare, prepared_views
 from activelsd.envs.viewgraph import SPLITS, load_graph, read_key
 from activelsd.errors import ActiveLSDError, DataError
 from tests.graphs import opened
@@ -163,19 +164,129 @@ def test_an_interruption_before_anything_is_done_leaves_nothing(tmp_path):
     assert names(tmp_path) == []
 
 
-@pytest.mark.parametrize("at", [0, 30])
-def test_a_broken_mesh_ends_it_by_name_and_leaves_nothing(tmp_path, at):
-    root = tmp_path / "net"
-    for i in range(40):
-        path = root / f"cup/{'test' if i < 5 else 'train'}/cup_{i:02d}.off"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(f"OFF4 2 0\n0 0 0\n1 0 {i}\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n")
-    broken = sorted(root.glob("cup/*/*.off"))[at]
-    broken.write_text("OFF4 2 0\n0 0 0\n1 0")
+def broken_set(root, at, counts=(("train", 20), ("test", 4))):
+    """A data set of a class, with meshes at some places that are cut short."""
+    root = meshes(root, *(f"cup/{folder}/{folder}_{i:02d}.off" for folder, n in counts for i in range(n)))
+    whole = sorted(root.rglob("*.off"), key=lambda path: (path.parent.name == "test", path))
+    broken = [whole[i] for i in at]
+    for path in broken:
+        path.write_text("OFF4 2 0\n0 0 0\n1 0")
+    return root, broken
+
+
+def test_broken_meshes_are_all_named_before_any_is_rendered(tmp_path, monkeypatch):
+    root, broken = broken_set(tmp_path / "net", range(0, 44, 16), (("train", 40), ("test", 4)))
+    checked, rendered = [], []
+
+    class Shown:
+        def __call__(self, done, total):
+            rendered.append(done)
+
+        def stage(self, what):
+            return lambda done, total: checked.append((what, done, total))
+
     for n in (1, 2):
-        with pytest.raises(DataError, match=rf"{broken.name} ends after 1 of 4 vertices"):
-            prepared(opened(root), tmp_path / "cache", workers=n)
+        with pytest.raises(
+            BrokenObjects, match=r"3 objects of .*/net are broken; .*skip_broken=true:"
+        ) as caught:
+            prepared(opened(root), tmp_path / "cache", workers=n, progress=Shown())
+        lines = str(caught.value).splitlines()[1:]
+        assert lines == [f"  {path} ends after 1 of 4 vertices" for path in broken]
+        assert checked[-1] == ("Checking objects", 44, 44)
+        assert not rendered
         assert not (tmp_path / "cache").exists()
+    monkeypatch.setattr("activelsd.envs.modelnet.broken._NAMED", 2)
+    with pytest.raises(BrokenObjects, match=r"vertices\n  and 1 more$"):
+        prepared(opened(root), tmp_path / "cache")
+
+
+def test_one_broken_mesh_is_one_sentence(tmp_path):
+    root, (broken,) = broken_set(tmp_path / "net", [3])
+    sentence = f"{broken} ends after 1 of 4 vertices; mend or remove it, or leave it out by"
+    with pytest.raises(BrokenObjects) as caught:
+        prepared(opened(root), tmp_path / "cache")
+    assert str(caught.value) == f"{sentence} env.dataset.skip_broken=true."
+
+
+def views_without_broken(root, cache, **options):
+    how = {"size": SIZE, "elevations": [30.0], "cache": cache, "skip_broken": True}
+    return prepared_views(opened(root), **(how | options))
+
+
+def test_broken_objects_are_left_out_if_asked_for(tmp_path, caplog, monkeypatch):
+    root, (first, second) = broken_set(tmp_path / "net", [2, 21])
+    with caplog.at_level("WARNING", "activelsd"):
+        graph = views_without_broken(root, tmp_path / "cache")
+    assert graph.left_out == (f"cup/{first.stem}", f"cup/{second.stem}")
+    assert len(graph.targets) == 22
+    assert not set(graph.left_out) & set(graph.targets)
+    assert caplog.messages[-1].startswith(
+        f"2 of 24 objects of {root} are left out, since they are broken:\n  "
+    )
+    assert str(first) in caplog.messages[-1]
+    splits = {name: SPLITS[graph.start_split[12 * i]] for i, name in enumerate(graph.targets)}
+    assert splits == {item.name: item.split for item in opened(root).items if item.name in graph.targets}
+
+    # They are known from now on: nothing is written, also not where nothing can be.
+    stamps = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").iterdir()}
+    monkeypatch.setattr(cache, "alone", lambda path: pytest.fail("nothing is to be made"))
+    again = views_without_broken(root, tmp_path / "cache")
+    assert again.left_out == graph.left_out
+    assert stamps == {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").iterdir()}
+    monkeypatch.undo()
+
+    # A mended one is in it again, and the others are copied.
+    meshes(root, first.relative_to(root).as_posix())
+    counts = []
+    more = views_without_broken(root, tmp_path / "cache", progress=lambda *step: counts.append(step))
+    assert more.left_out == (f"cup/{second.stem}",)
+    assert counts == [(22, 23), (23, 23)]
+
+
+def test_a_class_of_broken_objects_only_is_refused(tmp_path):
+    root, _ = broken_set(tmp_path / "net", range(20, 24))
+    with pytest.raises(DataError, match=r"Class 'cup' of .* has no test objects but broken ones: mend some"):
+        views_without_broken(root, tmp_path / "cache")
+
+
+def test_what_is_rendered_is_kept_when_others_break(tmp_path):
+    """Pictures break as they are read; the next run begins with what was read, whatever is mended."""
+    root = tmp_path / "views"
+    for folder in ("train", "test"):
+        (root / "cup" / folder).mkdir(parents=True)
+        for name in "abcd":
+            for i in range(12):
+                path = root / f"cup/{folder}/{name}{folder}_{i:03d}.png"
+                cv2.imwrite(str(path), np.full((24, 24), 10 * i + ord(name) % 7, np.uint8))
+    odd = [root / f"cup/train/{name}train_000.png" for name in "bc"]
+    for path in odd:
+        cv2.imwrite(str(path), np.zeros((24, 30), np.uint8))
+    with pytest.raises(
+        BrokenObjects, match=r"2 objects of .*\n.*btrain_000\.png is 30 x 24 .*\n.*ctrain_000"
+    ):
+        prepared(opened(root), tmp_path / "cache")
+    assert [name.rpartition(".")[2] for name in names(tmp_path / "cache")] == ["partial"]
+    for path in root.glob("cup/train/b*"):
+        path.unlink()
+    cv2.imwrite(str(odd[1]), np.zeros((24, 24), np.uint8))
+    counts = []
+    path = prepared(opened(root), tmp_path / "cache", progress=lambda *step: counts.append(step))
+    assert counts == [(6, 7), (7, 7)]
+    assert names(tmp_path / "cache") == [path.name]
+    assert path.read_bytes() == prepared(opened(root), tmp_path / "whole").read_bytes()
+
+
+def test_a_file_that_is_there_needs_no_right_to_write(tmp_path, monkeypatch):
+    path = prepared(shapes(), tmp_path)
+    monkeypatch.setattr(cache, "alone", lambda path: pytest.fail("no lock is needed"))
+    assert prepared(shapes(), tmp_path) == path
+
+
+def test_a_data_set_with_a_long_name(tmp_path):
+    root = meshes(tmp_path / ("n" * 240), "cup/train/a.off", "cup/test/b.off")
+    path = prepared(opened(root), tmp_path / "cache")
+    assert len(path.name) < 200
+    assert prepared(opened(root), tmp_path / "cache") == path
 
 
 def test_a_process_that_dies_is_told_and_what_is_done_is_kept(tmp_path, monkeypatch):
