@@ -104,6 +104,10 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(
                 "--dry-run", action="store_true", help="print every setting, explained, and stop"
             )
+        if name in ("evaluate", "compare"):
+            sub.add_argument(
+                "--out", metavar="DIR", type=Path, help="folder of the results; the (first) run's by default"
+            )
         if name == "compare":
             sub.add_argument(
                 "--baselines", metavar="A,B", type=_names, default=[], help="players beside the runs"
@@ -206,7 +210,7 @@ def _evaluate(arguments: argparse.Namespace, words: list[str]) -> int:
         )
     from activelsd.contest import evaluate
 
-    return _show(*evaluate(runs, settings))
+    return _show(*evaluate(runs, settings, arguments.out))
 
 
 def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
@@ -217,7 +221,7 @@ def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
         players.check(name)
     from activelsd.contest import contest
 
-    return _show(*contest(runs, arguments.baselines, settings))
+    return _show(*contest(runs, arguments.baselines, settings, arguments.out))
 
 
 def _runs_and_settings(words: list[str]) -> tuple[list[str], list[str]]:
@@ -302,11 +306,13 @@ VERBS = {
         "Train an agent",
     ),
     "evaluate": Verb(
-        _evaluate, "evaluate [RUN] [split=test | evaluate.key=value …]", "Measure a trained run"
+        _evaluate,
+        "evaluate [RUN] [--out DIR] [split=test | evaluate.key=value | env.dataset.path=PATH …]",
+        "Measure a trained run",
     ),
     "compare": Verb(
         _compare,
-        "compare [RUN …] --baselines A,B [evaluate.key=value …]",
+        "compare [RUN …] --baselines A,B [--out DIR] [evaluate.key=value | env.dataset.path=PATH …]",
         "Play runs and baselines on the same episodes; the newest run where none is named",
     ),
     "prepare": Verb(

@@ -16,7 +16,7 @@ from activelsd import registry, sections
 from activelsd.config import JOINT, JointSettings, RunConfig
 from activelsd.errors import ConfigError, did_you_mean
 from activelsd.presets import is_file, preset_file, read_settings
-from activelsd.sections import Schema, Setting, TextLoader, dump, flatten
+from activelsd.sections import Schema, Setting, TextLoader, dump, flatten, is_path
 from activelsd.versions import check_parts
 
 EXPERIMENT, ENV, ENV_NAME = "experiment", "env", "env.name"
@@ -116,7 +116,7 @@ def change(config: RunConfig, words: Sequence[str], allowed: Collection[str], wh
     Args:
         config: the config of a run there is.
         words: what to change.
-        allowed: keys, or sections, that may be changed.
+        allowed: keys, or sections, that may be changed; the world's paths always may, since data move.
         why: the reason that others may not, for the sentence of the error.
 
     Raises:
@@ -124,10 +124,18 @@ def change(config: RunConfig, words: Sequence[str], allowed: Collection[str], wh
     """
     layers = {key: Setting(value) for key, value in flatten(yaml.load(dump(config), TextLoader))}
     keys = dict(map(_split_word, words))
-    changed = _build(_whole(layers) | _spread(keys, _members(layers), layers))
+    members = _members(layers)
+    changed = _build(_whole(layers) | _spread(keys, members, layers))
+    schemas = [Schema(RunConfig, {ENV_NAME: Setting(kind)}) for kind in members.values()]
     for key in keys:
-        if not any(key == name or key.startswith(f"{name}.") for name in allowed):
-            raise ConfigError(f"{key} cannot be changed here, {why}; what can: {', '.join(allowed)}.")
+        inside = re.sub(rf"^{ENV}\.({'|'.join(members)})\.", f"{ENV}.", key) if members else key
+        found = (schema.find(inside) for schema in schemas or [Schema(RunConfig, layers)])
+        place = inside.startswith(f"{ENV}.") and any(one and is_path(one[1]) for one in found)
+        if not place and not any(
+            one == name or one.startswith(f"{name}.") for one in (key, inside) for name in allowed
+        ):
+            what = ", ".join([*allowed, "paths such as env.dataset.path"])
+            raise ConfigError(f"{key} cannot be changed here, {why}; what can: {what}.")
     return changed
 
 

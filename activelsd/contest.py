@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from activelsd import registry
 from activelsd.build import build_device
 from activelsd.compose import change, load
 from activelsd.config import RunConfig
 from activelsd.console import progress
+from activelsd.envs.actions import CLASSIFY
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.settings import WorldSettings
 from activelsd.envs.viewgraph import ViewGraph
@@ -19,49 +23,57 @@ from activelsd.evaluate.compare import Comparison, Entrant, compare
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.policy.transfer import narrow
-from activelsd.train.run import CONFIG, Run
+from activelsd.sections import flatten
+from activelsd.train.run import CONFIG, Run, check_writable
 
-CHANGEABLE = ("evaluate", "device", "threads", "env.cache")
-"""Settings that may be changed when a run is measured."""
+CHANGEABLE = ("evaluate", "device", "threads", "env.dataset")
+"""Settings that may be changed when a run is measured, besides the world's paths."""
+
+_LOG = logging.getLogger("activelsd")
 
 AS_PLAYED = {"navigate", "branches", "rules", "cache"}
 """Settings of a world that its list of episodes does not depend on."""
+
+ELSEWHERE = "name another folder for the results by --out DIR"
 
 RUNS = Path("runs")
 """Folder in which the newest run is used if none is named."""
 
 
-def evaluate(folders: Sequence[str], words: Sequence[str]) -> tuple[list[Comparison], list[Path]]:
+def evaluate(
+    folders: Sequence[str], words: Sequence[str], out: Path | None = None
+) -> tuple[list[Comparison], list[Path]]:
     """Measure one run; writes `evaluation.json` and so on, and does not overwrite comparisons."""
-    return _play(folders, (), words, "evaluation")
+    return _play(folders, (), words, "evaluation", out)
 
 
 def contest(
-    folders: Sequence[str], baselines: Sequence[str], words: Sequence[str]
+    folders: Sequence[str], baselines: Sequence[str], words: Sequence[str], out: Path | None = None
 ) -> tuple[list[Comparison], list[Path]]:
-    """Play runs and players on the same episodes, and write the results into the first run's folder.
+    """Play runs and players on the same episodes, and write the results.
 
     Args:
         folders: of runs; the first is what the others are compared with. None: the newest in `./runs`.
         baselines: names of players that share the first run's network, moves and rules.
         words: settings as `key=value`, see `CHANGEABLE`.
+        out: folder of the results; None: the first run's.
 
     Raises:
         UserError: a run, baseline or setting is not one there is, or the runs' episodes are not the same.
     """
-    return _play(folders, baselines, words, "comparison")
+    return _play(folders, baselines, words, "comparison", out)
 
 
 def _play(
-    folders: Sequence[str], baselines: Sequence[str], words: Sequence[str], stem: str
+    folders: Sequence[str], baselines: Sequence[str], words: Sequence[str], stem: str, out: Path | None
 ) -> tuple[list[Comparison], list[Path]]:
     for name in baselines:  # unknown names are reported first, because opening worlds takes a while
         registry.players.get(name)
     runs = [Run(Path(folder)) for folder in folders] or [Run.newest(RUNS)]
-    configs = [
-        change(load(run.folder / CONFIG), words, CHANGEABLE, "a run is measured in its own world")
-        for run in runs
-    ]
+    folder = runs[0].folder if out is None else out.expanduser()
+    check_writable(folder, ELSEWHERE)  # before anything is played
+    own = [load(run.folder / CONFIG) for run in runs]
+    configs = [change(one, words, CHANGEABLE, "a run is measured in its own world") for one in own]
     how = configs[0]
     device = build_device(how.device, how.threads)
     names = ["trained"] if len(runs) == 1 else [run.folder.name for run in runs]
@@ -89,10 +101,13 @@ def _play(
                 device=device,
                 progress=show,
             )
+        comparison = replace(comparison, changed=_changes(own[0].worlds[world], players[0]))
         comparisons.append(comparison)
-        written += result_files.write(
-            comparison, runs[0].folder, stem if len(playing) == 1 else f"{stem}_{world}"
-        )
+        title = stem if len(playing) == 1 else f"{stem}_{world}"
+        try:
+            written += result_files.write(comparison, folder, title)
+        except OSError as error:
+            raise RunError(f"{folder} cannot be written ({error.strerror}); {ELSEWHERE}.") from None
     return comparisons, written
 
 
@@ -127,10 +142,25 @@ def _shared(
     return same or {name: theirs[name] for name in ours if name in theirs}
 
 
+def _changes(before: WorldSettings, after: WorldSettings) -> dict[str, Any]:
+    """The settings that were changed, by dotted key, without the cache's."""
+    old, new = (dict(flatten(one.model_dump(mode="json", exclude={"cache"}))) for one in (before, after))
+    return {f"env.{key}": value for key, value in new.items() if old.get(key) != value}
+
+
 def _entrant(
     name: str, network: LSDNet, world: str, settings: WorldSettings, graph: ViewGraph, *, joint: bool
 ) -> Entrant:
-    """A run in one of its worlds, with its network restricted to that world's actions."""
+    """A run in one of its worlds, with its network restricted to that world's actions.
+
+    If the world has only some of the run's classes, the network still chooses among all of them.
+    """
+    known = network.tree.leaves[network.tree.branches.index(CLASSIFY)]
+    if not joint and graph.classes != known and set(graph.classes) <= set(known):
+        _LOG.warning(
+            "%s knows %d classes, and objects of %d of them are shown.", name, len(known), len(graph.classes)
+        )
+        graph = graph.with_classes(known)
     return Entrant(
         name=name,
         network=narrow(network, tree_of(graph)) if joint else network,

@@ -22,7 +22,7 @@ from activelsd.policy.lsdnet import LSDNet
 from activelsd.policy.transfer import narrow, transfer
 from activelsd.sections import dump
 from activelsd.train.parallel import ALONE, Group
-from activelsd.train.run import CONFIG, Run, find_checkpoint
+from activelsd.train.run import CONFIG, Run, check_writable, find_checkpoint
 from activelsd.train.trainer import Trainer
 from activelsd.versions import check_parts
 
@@ -30,7 +30,7 @@ INIT = "init.json"
 """File in a run's folder that says which weights it took over from another run."""
 
 ON_RESUME = ("train.steps", "device", "threads")
-"""Settings that may be changed when a run is resumed."""
+"""Settings that may be changed when a run is resumed, besides the world's paths."""
 
 
 def open_graph(settings: WorldSettings) -> ViewGraph:
@@ -79,13 +79,10 @@ def resume(folder: Path, words: Sequence[str]) -> Path:
     """Resume a run from its last checkpoint, or from the beginning if it has none, and return its folder."""
     run, config = Run(folder), resumed_config(folder, words)
     check_parts(folder)  # loss terms and loggers are looked up late, after the worlds' work
+    check_writable(folder, "copy the run to a folder of your own to go on with it")
     device = _device(config)
     with Group.joined(device) as group:
         worlds = open_worlds(config, group)
-        if words and group.rank == 0:
-            temporary = folder / f"{CONFIG}.tmp"
-            temporary.write_text(dump(config), "utf-8")
-            temporary.replace(folder / CONFIG)
         return _train(config, run, worlds, device, group)
 
 
@@ -127,6 +124,8 @@ def _train(config: RunConfig, run: Run, worlds: Sequence[OpenWorld], device: str
             resume=resuming,
             group=group,
         )
+        if group.rank == 0 and dump(config) != run.config:  # only now it is known to fit
+            run.config = dump(config)
         if config.policy.init is not None and not resuming:
             _start_from(find_checkpoint(config.policy.init), run, trainer.network, device, group)
         trainer.train()

@@ -234,6 +234,18 @@ def _models(kind: object) -> Iterator[type[BaseModel]]:
             yield from _models(inner)
 
 
+def is_path(field: FieldInfo) -> bool:
+    """Whether a setting is the path of a file or folder."""
+    return any(kind is Path for kind in _kinds(field.annotation))
+
+
+def _kinds(kind: object) -> Iterator[object]:
+    """The types in an annotation, however deep."""
+    yield kind
+    for inner in get_args(kind):
+        yield from _kinds(inner)
+
+
 def typed(setting: Setting, field: FieldInfo) -> Any:
     """What a text means to a field, beyond what the schema converts by itself."""
     text, kinds = setting.value, get_args(field.annotation) or (field.annotation,)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from activelsd import cli, launch
 from activelsd.compose import resolve
@@ -42,6 +44,52 @@ def test_compare_takes_the_newest_run_and_leaves_all_files(
     assert len((run / "episodes.jsonl").read_text().splitlines()) == 3 * 48
 
 
+def as_meshes(folder: Path, classes: Sequence[str] = ("cup", "vase")) -> Path:
+    """A folder of small meshes, none of them the run's own."""
+    for i, name in enumerate(classes):
+        for split in ("train", "test"):
+            for number in range(3):
+                mesh = trimesh.creation.box((1 + i, 1 + number, 2))
+                file = folder / name / split / f"{name}_{number}.off"
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(trimesh.exchange.off.export_off(mesh).encode())
+    return folder
+
+
+def test_a_run_is_measured_on_other_objects_and_results_say_so(
+    run: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Also if it knows more classes than are shown; a class that it does not know is named."""
+    words = ["env.dataset.classes=null", "evaluate.episodes_per_object=2"]
+    other, one = as_meshes(tmp_path / "other"), as_meshes(tmp_path / "one", ["vase"])
+    out = tmp_path / "new" / "results"
+    assert cli.main(["compare", str(run), "--out", str(out), f"env.dataset.path={other}", *words]) == 0
+    assert "Changed since training: env.dataset.path=" in " ".join(capsys.readouterr().out.split())
+    read = json.loads((out / "comparison.json").read_text())
+    assert read["changed"] == {"env.dataset.path": str(other), "env.dataset.classes": None}
+    assert read["episodes"] == 12
+    assert not (run / "comparison.json").exists()
+
+    assert cli.main(["evaluate", str(run), f"env.dataset.path={one}", *words]) == 0
+    assert "knows 2 classes, and objects of 1 of them are shown" in caplog.text
+    rows = [json.loads(line) for line in (run / "evaluation_episodes.jsonl").read_text().splitlines()]
+    assert {row["label"] for row in rows} == {"vase"}
+
+    mug = as_meshes(tmp_path / "mug", ["mug", "vase"])
+    capsys.readouterr()
+    assert cli.main(["evaluate", str(run), f"env.dataset.path={mug}", *words]) == 2
+    assert "only the world has mug, the world lacks cup;" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_written_is_said_before_anything_is_played(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("activelsd.contest.compare", None)
+    assert cli.main(["compare", str(run), "--out", str(tmp_path / "file")]) == 2
+    assert "cannot be written (Not a directory); name another folder" in capsys.readouterr().err
+
+
 def test_evaluate_leaves_a_comparison_alone(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["evaluate", str(run), "split=val", "threads=1", "evaluate.episodes_per_object=5"]) == 0
     assert "10 episodes: 2 val objects, 5 random starts of each." in capsys.readouterr().out
@@ -63,7 +111,8 @@ def test_several_runs_are_told_apart_by_their_folders(run: Path, capsys: pytest.
         ("split=tset", "evaluate.split=tset: must be 'train', 'val' or 'test'; did you mean test?"),
         ("evaluate.episodes=3", "evaluate.episodes is not a setting; did you mean"),
         ("train.gamma=0.5", "train.gamma cannot be changed here, a run is measured in its own world;"),
-        ("env.dataset.path=/nowhere", "env.dataset.path cannot be changed here, "),
+        ("env.size=64", "env.size cannot be changed here, a run is measured in its own world; what can: "),
+        ("env.dataset.path=/nowhere", "There is no dataset at /nowhere; "),
     ],
 )
 def test_mistakes_are_one_sentence_and_leave_nothing(

@@ -16,7 +16,8 @@ from activelsd.envs.episode import PRESETS
 from activelsd.envs.modelnet.orbit import with_moves
 from activelsd.envs.settings import RulesSettings
 from activelsd.envs.viewgraph import ViewGraph
-from activelsd.errors import ConfigError, UserError
+from activelsd.errors import ConfigError, RunError, UserError
+from activelsd.train.run import Run
 from activelsd.train.trainer import Trainer
 
 QUICK = [
@@ -62,6 +63,34 @@ def test_a_run_explains_itself_and_goes_on() -> None:
     assert sorted(path.name for path in (folder / "checkpoints").iterdir())[-1] > first[-1]
     with pytest.raises(ConfigError, match=r"^train\.gamma cannot be changed here, a run goes on as it began"):
         launch.resume(folder, ["train.gamma=0.5"])
+
+
+def test_a_run_whose_folders_moved_goes_on_and_classes_that_do_not_fit_leave_its_config_alone(
+    world: ViewGraph, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    folder = launch.begin(resolve([*QUICK, "env.cache=here"]))
+    launch.resume(folder, [f"env.cache={tmp_path}", "train.steps=160"])
+    moved = (folder / "config.yaml").read_text()
+    assert load(folder / "config.yaml").worlds["modelnet"].cache == tmp_path
+    other = replace(world, classes=("a", *world.classes[1:]))
+    monkeypatch.setattr(launch, "open_graph", lambda config: other)
+    with pytest.raises(RunError, match=f"only the world has a, the world lacks {world.classes[0]}"):
+        launch.resume(folder, ["env.cache=elsewhere", "train.steps=240"])
+    assert (folder / "config.yaml").read_text() == moved
+
+
+def test_the_older_checkpoint_is_used_if_the_newest_is_damaged(caplog: pytest.LogCaptureFixture) -> None:
+    folder = launch.begin(resolve([*QUICK, "train.checkpoint_every=40"]))
+    older, newest = sorted((folder / "checkpoints").iterdir())
+    for name in ("network.safetensors", "training.json"):
+        whole = (newest / name).read_bytes()
+        (newest / name).write_bytes(whole[: len(whole) // 2])
+        assert Run(folder).checkpoint == older
+        assert f"{newest / name} cannot be read" in caplog.text
+        (newest / name).write_bytes(whole)
+    (newest / "network.json").unlink()
+    launch.resume(folder, ["train.steps=160"])
+    assert int(Run(folder).checkpoint.name) == 160
 
 
 def test_a_mistake_leaves_no_folder(

@@ -82,6 +82,16 @@ class ActionTree:
         """The tree as plain lists, for JSON and YAML."""
         return {b: list(leaves) for b, leaves in zip(self.branches, self.leaves, strict=True)}
 
+    def differences(self, world: ActionTree) -> str:
+        """What a world's tree has otherwise than this one, for a sentence."""
+        only_world = [leaf for branch, leaf in world.names if (branch, leaf) not in self._index]
+        only_self = [leaf for branch, leaf in self.names if (branch, leaf) not in world._index]
+        parts = [("only the world has", only_world), ("the world lacks", only_self)]
+        return (
+            ", ".join(f"{what} {_some(names)}" for what, names in parts if names)
+            or "they stand in another order"
+        )
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ActionTree) and self.to_dict() == other.to_dict()
 
@@ -90,3 +100,9 @@ class ActionTree:
 
     def __repr__(self) -> str:
         return f"ActionTree({', '.join(f'{b}: {n}' for b, n in zip(self.branches, self.sizes, strict=True))})"
+
+
+def _some(names: Sequence[str], most: int = 4) -> str:
+    """The first few names, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

@@ -114,6 +114,11 @@ class ViewGraph:
             move_branches=tuple(branch for branch, _ in pairs) if branches.keys() != {NAVIGATE} else None,
         )
 
+    def with_classes(self, classes: Sequence[str]) -> ViewGraph:
+        """The graph with other classes, in this order, which contain its own."""
+        order = np.array([classes.index(name) for name in self.classes], self.labels.dtype)
+        return replace(self, classes=tuple(classes), labels=order[self.labels])
+
     def starts(self, split: str) -> NDArray[np.int64]:
         """Indices of a split's episode starts.
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +121,7 @@ class Comparison:
         players: results of every player, the reference first.
         paired: differences of the other players from the reference.
         gain_closed: `metrics.gain_closed` of the reference; None if `no_move` or `all_views` did not play.
+        changed: settings of the reference's world that were changed since its training, by dotted key.
         rows: episodes of every player, in the same order.
         graph: the reference's world.
     """
@@ -131,6 +133,7 @@ class Comparison:
     players: list[Standing]
     paired: list[Difference]
     gain_closed: Interval | None
+    changed: Mapping[str, Any] = field(default_factory=dict)
     rows: dict[str, list[EpisodeRow]] = field(repr=False)
     graph: ViewGraph = field(repr=False)
 
@@ -337,8 +340,9 @@ def _check_fits(entrant: Entrant) -> None:
     network, graph = entrant.network, entrant.graph
     if network.tree != tree_of(graph):
         raise RunError(
-            f"{entrant.name} was trained for other classes or moves than this world has; "
-            "give it the world it was trained in, or train again."
+            f"{entrant.name} was trained for other classes or moves than this world has:"
+            f" {network.tree.differences(tree_of(graph))}; give it the world it was trained in, or train"
+            " again."
         )
     if network.shape.size != graph.size:
         raise RunError(

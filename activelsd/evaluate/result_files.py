@@ -52,6 +52,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
         "left_out": list(comparison.graph.left_out or ()),
         "episodes_per_object": comparison.per_object,
         "seed": comparison.seed,
+        "changed": dict(comparison.changed),
         "confidence": CONFIDENCE,
         "interval": "percentile bootstrap over objects",
         "reference": comparison.reference.name,

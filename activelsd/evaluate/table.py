@@ -99,6 +99,9 @@ def notes(comparison: Comparison) -> Iterator[str]:
     places = {(one.world, one.backend) for one in comparison.players}
     for world, backend in sorted(places):
         yield f"World {world}, pictures by {backend}." if backend != world else f"World {world}."
+    if comparison.changed:
+        changes = ", ".join(f"{key}={'null' if value is None else value}" for key, value in comparison.changed.items())
+        yield f"Changed since training: {changes}."
     yield (
         "[ ] are 95 % intervals over objects; differences are paired. Steps: views seen, "
         f"a wrong answer counts {reference.max_views}."

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
@@ -54,6 +54,24 @@ def load_network(folder: Path, device: str | torch.device = "cpu") -> LSDNet:
     return network.to(device)
 
 
+def find_damage(folder: Path) -> str | None:
+    """Why a checkpoint cannot be used: a file is missing, cut short or something else; None if it can be."""
+    files = {*folder.glob("*.json"), *folder.glob("*.safetensors"), folder / MEANING, folder / WEIGHTS}
+    return next(filter(None, map(_damage, sorted(files))), None)
+
+
+def _damage(file: Path) -> str | None:
+    try:
+        if file.suffix == ".json":
+            json.loads(file.read_text("utf-8"))
+        else:
+            with safe_open(file, "pt"):  # the header's sizes tell a file that is cut short
+                pass
+    except (OSError, ValueError, SafetensorError) as error:
+        return f"{file} cannot be read ({error})"
+    return None
+
+
 def _shape(values: dict[str, Any]) -> NetworkShape:
     """A network's shape from JSON; older files hold `features`, a setting of the compact trunk only."""
     features = values.pop("features", None)
@@ -72,6 +90,4 @@ def load_tensors(path: Path) -> dict[str, Tensor]:
     try:
         return load_file(path)
     except (OSError, SafetensorError) as error:
-        raise RunError(
-            f"{path} cannot be read ({error}); use an earlier checkpoint or another run."
-        ) from None
+        raise RunError(f"{path} cannot be read ({error}); use another checkpoint or run.") from None

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from torch import Tensor
 
 from activelsd.errors import RunError
-from activelsd.policy.checkpoint import MEANING, load_tensors, save_network, save_tensors
+from activelsd.policy.checkpoint import MEANING, find_damage, load_tensors, save_network, save_tensors
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.registry import Registry
 from activelsd.versions import write_versions
 
 CONFIG = "config.yaml"
+_LOG = logging.getLogger("activelsd")
 KEPT = 2
 """How many of the newest checkpoints are kept."""
 
@@ -35,6 +38,7 @@ class Run:
         if not (folder / CONFIG).is_file():
             raise RunError(f"{folder} is not a run: it has no {CONFIG}; name a folder that training made.")
         self.folder = folder
+        self._reported: set[Path] = set()  # damaged checkpoints
 
     @classmethod
     def create(cls, root: Path, name: str, config: str, parts: Iterable[tuple[Registry, str]] = ()) -> Run:
@@ -80,14 +84,31 @@ class Run:
         """The resolved config as YAML."""
         return (self.folder / CONFIG).read_text("utf-8")
 
+    @config.setter
+    def config(self, config: str) -> None:
+        temporary = self.folder / f"{CONFIG}.tmp"
+        temporary.write_text(config, "utf-8")
+        temporary.replace(self.folder / CONFIG)
+
     @property
     def checkpoint(self) -> Path:
-        """The newest checkpoint's folder. Raises RunError if there is none yet."""
+        """The folder of the newest checkpoint that can be read, or of the newest, if none can.
+
+        Raises:
+            RunError: there is no checkpoint yet.
+        """
         finished = self._finished()
         if not finished:
             raise RunError(
                 f"{self.folder} has no checkpoint; train it with: activelsd train --resume {self.folder}"
             )
+        for folder in reversed(finished):
+            damage = find_damage(folder)
+            if damage is None:
+                return folder
+            if folder not in self._reported:
+                self._reported.add(folder)
+                _LOG.warning("%s; the checkpoint before it is used, if there is one.", damage)
         return finished[-1]
 
     def save(
@@ -116,7 +137,10 @@ class Run:
         shutil.rmtree(final, ignore_errors=True)
         temporary.rename(final)
         for old in self._finished()[:-KEPT]:
-            shutil.rmtree(old)
+            half = old.with_suffix(".tmp")  # never half a checkpoint under its own name
+            shutil.rmtree(half, ignore_errors=True)
+            old.rename(half)
+            shutil.rmtree(half, ignore_errors=True)
 
     def load_training(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
         """The tensors and progress that `save` was given, from the newest checkpoint."""
@@ -125,13 +149,31 @@ class Run:
             progress: dict[str, Any] = json.loads(path.read_text("utf-8"))
         except (OSError, ValueError) as error:
             raise RunError(
-                f"{path} cannot be read ({error}); delete {path.parent} to resume from an earlier one."
+                f"{path} cannot be read ({error}), nor is there a good checkpoint before it; train a new run."
             ) from None
         return load_tensors(self.checkpoint / "training.safetensors"), progress
 
     def _finished(self) -> list[Path]:
         folders = (self.folder / "checkpoints").glob("[0-9]*")
         return sorted(path for path in folders if path.suffix != ".tmp")
+
+
+def check_writable(folder: Path, instead: str) -> None:
+    """Check that files can be written into a folder, or, if it is missing, that it can be made.
+
+    Args:
+        folder: which.
+        instead: the way out, for the sentence of the error.
+
+    Raises:
+        RunError: they cannot.
+    """
+    there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    try:
+        with TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise RunError(f"{folder} cannot be written ({error.strerror}); {instead}.") from None
 
 
 def find_checkpoint(path: Path) -> Path:

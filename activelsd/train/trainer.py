@@ -79,7 +79,8 @@ class Trainer:
             self.network = load_network(run.checkpoint, device)
             if self.network.tree != tree:
                 raise RunError(
-                    f"{run.folder} was trained with other classes or moves than its world has now."
+                    f"{run.folder} was trained with other classes or moves than its world has now:"
+                    f" {self.network.tree.differences(tree)}."
                 )
         else:
             self.network = new_network(tree, shape, weights_seed).to(device)
