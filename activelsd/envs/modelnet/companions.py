@@ -34,6 +34,15 @@ def ending(path: str) -> str:
     return PurePosixPath(path).suffix.lower()
 
 
+def class_names(layout: Layout) -> list[str]:
+    """The classes of a data set; a folder of nothing but notes is none."""
+    return [
+        name
+        for name, entries in layout.classes.items()
+        if not entries or not all(entry.split is None and _is_note(entry.path) for entry in entries)
+    ]
+
+
 def objects_only(files: Folder | Zip, layout: Layout, classes: Iterable[str]) -> dict[str, list[Entry]]:
     """The meshes and pictures of some classes.
 
@@ -52,8 +61,9 @@ def objects_only(files: Folder | Zip, layout: Layout, classes: Iterable[str]) ->
             _check(files, layout, entry)
     for path, _ in layout.outside:
         if not (_is_note(path) or ending(path) in _ALL_PICTURES | ARCHIVES | {""}):
+            there = f"{'train/CLASS' if layout.split_first else 'CLASS/train'} of {files.where(layout.top)}"
             raise DataError(
-                f"{files.where(path)} would be overlooked, as it is in no class folder; move or remove it."
+                f"{files.where(path)} would be overlooked, as objects stand in {there}; move or remove it."
             )
     return found
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from activelsd.envs.images import ENDINGS
 from activelsd.envs.modelnet import pictures, points
-from activelsd.envs.modelnet.companions import ending, objects_only
+from activelsd.envs.modelnet.companions import class_names, ending, objects_only
 from activelsd.envs.modelnet.files import Folder, Zip, open_files, readable
 from activelsd.envs.modelnet.layout import Entry, Layout, find_layout
 from activelsd.envs.modelnet.readers import check_format
@@ -132,7 +132,7 @@ def _in_files(
 ) -> tuple[dict[str, list[_Object]], MeshFiles | PointFiles | PictureFiles]:
     """The objects of every class asked for, and what makes them."""
     layout = find_layout(files)
-    entries = objects_only(files, layout, _asked(tuple(layout.classes), classes, files.where("")))
+    entries = objects_only(files, layout, _asked(class_names(layout), classes, files.where("")))
     kind = _kind(files, [entry for own in entries.values() for entry in own])
     source = FILES[kind](files=files)
     if kind == "pictures":
@@ -148,7 +148,7 @@ def kind_at(path: Path) -> str:
     """What lies at a path: `meshes`, `points` or `pictures`. Raises DataError as `open_dataset` does."""
     files = open_files(path)
     layout = find_layout(files)
-    return _kind(files, [e for own in objects_only(files, layout, layout.classes).values() for e in own])
+    return _kind(files, [e for own in objects_only(files, layout, class_names(layout)).values() for e in own])
 
 
 def _kind(files: Folder | Zip, entries: Sequence[Entry]) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -76,12 +77,21 @@ class Folder:
                 if _is_hidden(entry.name):
                     continue
                 if entry.is_dir():
+                    if entry.is_symlink() and Path(entry.path).resolve() in self._above(prefix):
+                        continue  # it leads back to where it stands
                     yield Member(f"{prefix}{entry.name}/", "")
                     if depth > 1:
                         yield from self._below(f"{prefix}{entry.name}/", depth - 1)
                 else:
-                    stat = entry.stat()
-                    yield Member(prefix + entry.name, f"{stat.st_size}:{stat.st_mtime_ns}")
+                    about = entry.stat()
+                    if not stat.S_ISREG(about.st_mode):
+                        what = f"{self.where(prefix + entry.name)} is no file that can be read"
+                        raise DataError(f"{what}; remove it.")
+                    yield Member(prefix + entry.name, f"{about.st_size}:{about.st_mtime_ns}")
+
+    def _above(self, prefix: str) -> list[Path]:
+        here = (self.root / prefix).resolve()
+        return [here, *here.parents]
 
     def where(self, path: str) -> str:
         """The name of a file in messages."""

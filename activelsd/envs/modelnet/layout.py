@@ -43,6 +43,7 @@ class Layout(NamedTuple):
     classes: dict[str, list[Entry]]
     outside: list[Member]
     split_first: bool
+    top: str  # the folder of all of it, from the root
 
     def place(self, category: str, split: str) -> str:
         """The folder of a class and split, for messages."""
@@ -105,7 +106,7 @@ def _by_class(
             continue
         name, split = readable(category), _SPLITS.get(folder.lower())
         found[name].append(Entry(name, split, tuple(parents[len(top) + 2 :]), *member))
-    return Layout(found, outside, splits is not None)
+    return Layout(found, outside, splits is not None, "/".join(top))
 
 
 def _is_split_first(files: Folder | Zip, holder: Parts, children: dict[Parts, list[str]]) -> bool:
@@ -122,8 +123,8 @@ def _is_split_first(files: Folder | Zip, holder: Parts, children: dict[Parts, li
         return False
     if not any(inside.values()):
         raise DataError(
-            f"{files.where('/'.join(holder))} has no class folders, its train and test hold files themselves;"
-            f" {_looked_for(files)}"
+            f"{_shown(files)} has no class folders, as its train and test hold files themselves; if it is one"
+            f" class, give the folder above it, or else {_looked_for(files)}"
         )
     if not shared and len(inside) > 1:
         raise DataError(
@@ -133,9 +134,11 @@ def _is_split_first(files: Folder | Zip, holder: Parts, children: dict[Parts, li
 
 
 def _unknown(files: Folder | Zip, members: Sequence[Member], folders: bool) -> str:
-    root = files.where("").rstrip("/")
+    root = _shown(files)
     if not members:
         return f"{root} is empty; {_looked_for(files)}"
+    if files.root.name.lower() in _SPLITS:
+        return f"{root} is the folder of one split; give the folder that holds all of them."
     archives = [m.path for m in members if PurePosixPath(m.path).suffix.lower() in ARCHIVES]
     if len(archives) == len([m for m in members if not m.path.endswith("/")]) and archives:
         archive = files.where(archives[0])
@@ -147,8 +150,12 @@ def _unknown(files: Folder | Zip, members: Sequence[Member], folders: bool) -> s
     return f"{root} has no class folders; {_looked_for(files)}"
 
 
+def _shown(files: Folder | Zip) -> str:
+    return files.where("").rstrip("/")
+
+
 def _looked_for(files: Folder | Zip) -> str:
-    root = files.where("").rstrip("/")
+    root = _shown(files)
     return (
         f"objects are looked for in {root}/CLASS/train and {root}/CLASS/test, or in {root}/train/CLASS and"
         f" {root}/test/CLASS."

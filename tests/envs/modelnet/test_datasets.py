@@ -249,7 +249,10 @@ def test_paths_with_nothing_to_read(tmp_path):
     lay_out(tmp_path / "flat", ["cup_1.off"])
     says(tmp_path / "flat", "has no class folders; objects are looked for")
     lay_out(tmp_path / "inner", ["train/cup_1.off", "test/cup_2.off"])
-    says(tmp_path / "inner", "has no class folders, its train and test hold files themselves; objects are")
+    says(
+        tmp_path / "inner", "has no class folders, as its train and test hold files themselves; if it is one"
+    )
+    says(tmp_path / "inner" / "train", "is the folder of one split; give the folder that holds all")
     lay_out(tmp_path / "bare", ["cup/cup_1.off", "bowl/cup_2.off"])
     says(tmp_path / "bare", "has folders, but none of them is called train or test; objects are looked for")
     lay_out(tmp_path / "half", ["train/cup/1.off", "train/bowl/2.off"])
@@ -267,7 +270,9 @@ def test_an_object_that_would_be_overlooked(tmp_path):
         with pytest.raises(DataError, match=f"/{stray} would be overlooked"):
             opened(root)
     root = lay_out(tmp_path / "first", ["train/cup/1.off", "test/cup/2.off", "train/3.off"])
-    with pytest.raises(DataError, match=r"train/3\.off would be overlooked, as it is in no class folder"):
+    with pytest.raises(
+        DataError, match=r"train/3\.off would be overlooked, as objects stand in train/CLASS of"
+    ):
         opened(root)
     root = lay_out(tmp_path / "bare", [*both, "bowl/1.off"])
     with pytest.raises(DataError, match=r"bowl/1\.off would be overlooked"):
@@ -396,6 +401,16 @@ COMPANIONS = [
 def test_what_lies_beside_objects_is_passed_over(tmp_path):
     root = lay_out(tmp_path, ["cup/train/a.off", "cup/train/b.off", "cup/test/c.off", *COMPANIONS])
     assert [i.name for i in opened(root, classes=["cup"]).items] == ["cup/a", "cup/b", "cup/c"]
+
+
+def test_links_that_lead_back_and_pipes(meshes):
+    (meshes / "cup/train/back").symlink_to(meshes)
+    (meshes / "docs").mkdir()
+    (meshes / "docs/about.md").write_text("no class")
+    assert opened(meshes).classes == CLASSES
+    os.mkfifo(meshes / "cup/train/pipe.off")
+    with pytest.raises(DataError, match=r"cup/train/pipe\.off is no file that can be read; remove it"):
+        opened(meshes)
 
 
 def test_textures_of_meshes_that_have_them_are_passed_over(tmp_path):
