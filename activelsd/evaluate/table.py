@@ -100,8 +100,8 @@ def notes(comparison: Comparison) -> Iterator[str]:
     for world, backend in sorted(places):
         yield f"World {world}, pictures by {backend}." if backend != world else f"World {world}."
     if comparison.changed:
-        changes = ", ".join(f"{key}={'null' if value is None else value}" for key, value in comparison.changed.items())
-        yield f"Changed since training: {changes}."
+        changes = (f"{key}={'null' if x is None else x}" for key, x in comparison.changed.items())
+        yield f"Changed since training: {', '.join(changes)}."
     yield (
         "[ ] are 95 % intervals over objects; differences are paired. Steps: views seen, "
         f"a wrong answer counts {reference.max_views}."
