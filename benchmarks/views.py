@@ -44,8 +44,8 @@ def ring(seed: tuple[int, int, int, int], size: int) -> NDArray[np.uint8]:
     """Views (12, S, S) of the object given by (seed, split, category, number)."""
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     mesh = make_shape(CATEGORIES[seed[2]], rng)
-    azimuths = [i * 360 / AZIMUTHS for i in range(AZIMUTHS)]
-    return render_views(mesh, size=size, azimuths=azimuths, elevations=[ELEVATION])
+    cameras = [(i * 360 / AZIMUTHS, ELEVATION) for i in range(AZIMUTHS)]
+    return render_views(mesh, size=size, cameras=cameras)
 
 
 def draw(seed: int, split: int, per_class: int, size: int) -> Rings:

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.modelnet.cameras import Rings
 from activelsd.envs.modelnet.datasets import Dataset, open_dataset
-from activelsd.envs.modelnet.orbit import AZIMUTHS, with_moves
-from activelsd.envs.modelnet.settings import DatasetSettings
+from activelsd.envs.modelnet.orbit import with_moves
+from activelsd.envs.modelnet.settings import AZIMUTHS, DatasetSettings
 from activelsd.envs.viewgraph import ViewGraph
 
 MOVES = ("forward", "back", "left", "right")
@@ -68,7 +69,7 @@ def ring_graph(
         start_target=np.repeat(np.arange(objects), AZIMUTHS).astype(np.int32),
         start_split=np.repeat(np.arange(objects) // classes % 3, AZIMUTHS).astype(np.uint8),
     )
-    return with_moves(graph, moves)
+    return with_moves(graph, moves, [Rings.even(AZIMUTHS, range(elevations))] * objects)
 
 
 def room_graph(*, crops: bool = True, size: int = 12, rooms: int = 3, seed: int = 0) -> ViewGraph:

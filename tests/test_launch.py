@@ -13,6 +13,7 @@ from activelsd.build import build_device, build_shape
 from activelsd.compose import load, resolve
 from activelsd.config import RunConfig
 from activelsd.envs.episode import PRESETS
+from activelsd.envs.modelnet.cameras import Rings
 from activelsd.envs.modelnet.orbit import with_moves
 from activelsd.envs.settings import RulesSettings
 from activelsd.envs.viewgraph import ViewGraph
@@ -46,7 +47,7 @@ def world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ViewGraph:
         start_target=np.repeat(np.arange(objects, dtype=np.int32), views),
         start_split=np.repeat(np.array([0, 0, 1, 1, 2, 2], np.uint8), views),
     )
-    graph = with_moves(graph, ("orbit_cw", "orbit_ccw"))
+    graph = with_moves(graph, ("orbit_cw", "orbit_ccw"), [Rings.even(views, [30.0])] * objects)
     monkeypatch.setattr(launch, "open_graph", lambda config: graph)
     monkeypatch.chdir(tmp_path)
     return graph

@@ -1,4 +1,4 @@
-"""Gray pictures of a mesh from a ring of cameras, by casting rays with embree on the CPU.
+"""Gray pictures of a mesh from cameras around it, by casting rays with embree on the CPU.
 
 The mesh is centred and scaled into the unit sphere and every camera sees just that sphere, so nothing
 depends on the file's units. Faces are shaded flat and from both sides, since the winding of ModelNet's
@@ -38,19 +38,17 @@ LIGHTS = (  # direction towards the light as (right, up, towards the camera), an
 brightest gray is 223, so that nothing fades into the background."""
 
 
-def render_views(
-    mesh: Mesh, *, size: int, azimuths: Sequence[float], elevations: Sequence[float]
-) -> NDArray[np.uint8]:
-    """Pictures of a mesh from every elevation and azimuth.
+def render_views(mesh: Mesh, *, size: int, cameras: Sequence[tuple[float, float]]) -> NDArray[np.uint8]:
+    """Pictures of a mesh from every camera.
 
     Args:
         mesh: what to look at.
         size: side S of the square pictures, in pixels.
-        azimuths: A angles about z in degrees, counter-clockwise seen from above.
-        elevations: E angles above the xy plane in degrees.
+        cameras: V pairs of an angle about z, counter-clockwise seen from above, and an angle above the xy
+            plane, in degrees.
 
     Returns:
-        uint8 (E * A, S, S), elevation after elevation; the same bytes for the same arguments.
+        uint8 (V, S, S); the same bytes for the same arguments.
 
     Raises:
         DataError: the mesh has no faces, no extent, or coordinates that are not finite.
@@ -60,8 +58,7 @@ def render_views(
     points = corners.reshape(-1, 3)
     views = [
         _look(scene, corners[:, 0], normals, points, _camera(azimuth, elevation), size)
-        for elevation in elevations
-        for azimuth in azimuths
+        for azimuth, elevation in cameras
     ]
     return np.stack(views)
 

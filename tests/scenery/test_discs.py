@@ -23,7 +23,7 @@ def box(count, seed=0):
 
 
 def pictures(mesh):
-    return render_views(mesh, size=48, azimuths=(0, 50), elevations=(30,))
+    return render_views(mesh, size=48, cameras=[(0, 30), (50, 30)])
 
 
 def test_a_sphere_of_points_looks_like_a_sphere_without_holes():

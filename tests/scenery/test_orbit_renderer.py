@@ -19,7 +19,8 @@ RING = [30.0 * i for i in range(12)]
 
 
 def look(mesh, size=48, azimuths=RING, elevations=(30.0,)):
-    return render_views(mesh, size=size, azimuths=azimuths, elevations=elevations)
+    cameras = [(azimuth, elevation) for elevation in elevations for azimuth in azimuths]
+    return render_views(mesh, size=size, cameras=cameras)
 
 
 @pytest.fixture

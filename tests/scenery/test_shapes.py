@@ -73,7 +73,7 @@ def test_shapes_are_made_quickly():
 
 def views_of(maker, seed, azimuths):
     mesh = maker(np.random.default_rng(seed))
-    return render_views(mesh, size=64, azimuths=azimuths, elevations=(30.0,)).astype(int)
+    return render_views(mesh, size=64, cameras=[(azimuth, 30.0) for azimuth in azimuths]).astype(int)
 
 
 def test_a_cup_hides_its_handle():

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from activelsd.envs.images import ENDINGS
 from activelsd.envs.modelnet import pictures, points
+from activelsd.envs.modelnet.cameras import Ring
 from activelsd.envs.modelnet.companions import class_names, ending, objects_only
 from activelsd.envs.modelnet.files import Folder, Zip, open_files, readable
 from activelsd.envs.modelnet.layout import Entry, Layout, find_layout
@@ -39,6 +40,7 @@ class _Object(NamedTuple):
     name: str
     parts: tuple[str, ...]
     stamp: str
+    rings: tuple[Ring, ...] = ()
 
 
 def open_dataset(settings: DatasetSettings) -> Dataset:
@@ -80,8 +82,17 @@ def _dataset(
             splits = [folder] * len(taken) if held_out or folder == "test" else with_validation(taken)
             for name, split in zip(taken, splits, strict=True):
                 whole = f"{category}/{name.removeprefix(f'{category}/')}"
-                parts, stamp = own[name].parts, own[name].stamp
-                items.append(Item(name=whole, category=category, split=split, parts=parts, stamp=stamp))
+                one = own[name]
+                items.append(
+                    Item(
+                        name=whole,
+                        category=category,
+                        split=split,
+                        parts=one.parts,
+                        stamp=one.stamp,
+                        rings=one.rings,
+                    )
+                )
     return Dataset(
         title=title,
         classes=tuple(found),
@@ -197,9 +208,16 @@ def _name(entry: Entry) -> str:
 def _pictured(files: Folder | Zip, layout: Layout, category: str, entries: Sequence[Entry]) -> list[_Object]:
     stamps = {e.path: e.stamp for e in entries}
     return [
-        _Object(category, split, readable(name), tuple(paths), " ".join(stamps[path] for path in paths))
+        _Object(
+            category,
+            split,
+            readable(name),
+            tuple(series.paths),
+            " ".join(stamps[path] for path in series.paths),
+            series.rings,
+        )
         for split in sorted({str(e.split) for e in entries})
-        for name, paths in pictures.grouped(
+        for name, series in pictures.grouped(
             [(e.path, e.owner) for e in entries if e.split == split],
             files.where(layout.place(category, split)),
         ).items()

@@ -1,7 +1,7 @@
-"""Reads objects that others rendered as twelve pictures each, as MVCNN does.
+"""Reads objects that others rendered or photographed from all around, each in any number of pictures.
 
 MVCNN (Su et al. 2015) first named them `NAME_000000001_001.jpg` to `_012.jpg`, later
-`NAME_0001.obj.shaded_v001.png`; elsewhere they count from `_v0000`.
+`NAME_0001.obj.shaded_v001.png`; RotationNet (Kanezaki et al. 2018) `NAME_0001_001.png` to `_020.png`.
 """
 
 from __future__ import annotations
@@ -14,15 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activelsd.envs.images import decode_pixels
+from activelsd.envs.modelnet.cameras import Camera
+from activelsd.envs.modelnet.series import Series, numbered, placed
 from activelsd.errors import DataError
 
-VIEWS = 12
-_NUMBERED = re.compile(r"(?P<object>.*?)(?P<view>\d+)")
-_NAME = re.compile(r"(?P<object>.+?)(?:\.(?:obj|off))?(?:[._]shaded)?_v?(?P<view>\d+)")
+_PLACED = re.compile(r"(?:(?P<object>.+)[/._-])?e(?P<elevation>-?\d+(?:\.\d+)?)_a(?P<azimuth>\d+(?:\.\d+)?)")
+_NAME = re.compile(
+    r"(?P<object>.+?)(?:\.(?:obj|off|ply|stl|glb))?(?:[._](?:shaded|depth))?[._-]+(?:view|v|r)?(?P<view>\d+)"
+)
 
 
-def grouped(pictures: Sequence[tuple[str, Sequence[str]]], where: str) -> dict[str, list[str]]:
-    """The pictures of every object in the order of their numbers, objects in order of names.
+def grouped(pictures: Sequence[tuple[str, Sequence[str]]], where: str) -> dict[str, Series]:
+    """The pictures of every object in the order of their cameras, objects in order of names.
 
     Args:
         pictures: path of every picture of one class and split, and the folders below theirs that it is in.
@@ -30,42 +33,100 @@ def grouped(pictures: Sequence[tuple[str, Sequence[str]]], where: str) -> dict[s
         where: name of the class's folder in messages.
 
     Raises:
-        DataError: a name has no number, a folder holds pictures of several objects, or an object's views are
-            not twelve numbered from 0 or from 1.
+        DataError: a name has no number, a folder holds pictures of several objects, or a view is missing.
     """
-    objects: dict[str, dict[int, str]] = {}
-    held: dict[str, tuple[tuple[str, ...], str]] = {}  # the series of pictures in an object's folder
+    own: dict[str, list[tuple[str, str]]] = {}  # path of each picture, and its name without the ending
+    alone: dict[str, list[tuple[str, int | Camera]]] = {}  # path of each picture, and its number or place
     for path, folders in sorted(pictures):
         name = PurePosixPath(path)
-        match = (_NUMBERED if folders else _NAME).fullmatch(name.stem)
-        shown = "/".join((where, *folders, name.name))
-        if match is None:
-            raise DataError(f"{shown} should end in a view's number, like cup_0001_001; rename it.")
-        owner, series = folders[0] if folders else match["object"], (tuple(folders), match["object"])
-        if folders and held.setdefault(owner, series) != series:
+        if folders:
+            own.setdefault(folders[0], []).append((path, "/".join((*folders[1:], name.stem))))
+            continue
+        match = _PLACED.fullmatch(name.stem) or _NAME.fullmatch(name.stem)
+        if match is None or not match["object"]:
             raise DataError(
-                f"{shown} is not of the same series as others in the folder of '{owner}'; keep one series of"
-                " views there."
+                f"{where}/{name.name} should end in a view's number, like cup_0001_001; rename it."
             )
-        views = objects.setdefault(owner, {})
-        number = int(match["view"])
-        if number in views:
-            raise DataError(f"{where} has view {number} of '{owner}' twice; remove one of the two.")
-        views[number] = path
-    first = 0 if any(0 in views for views in objects.values()) else 1
-    for name_of, views in objects.items():
-        _check_whole(f"'{name_of}' in {where}", views, range(first, first + VIEWS))
-    return {name_of: [views[n] for n in sorted(views)] for name_of, views in sorted(objects.items())}
+        alone.setdefault(match["object"], []).append((path, _place(match)))
+    for folder, named in own.items():
+        if folder in alone:
+            raise DataError(
+                f"{where} has a folder '{folder}' and pictures of that name beside it; keep one of the two."
+            )
+        alone[folder] = _in_folder(named, f"{where}/{folder}")
+    objects: dict[str, dict[int | Camera, str]] = {}
+    for name_of, some in sorted(alone.items()):
+        views = objects.setdefault(name_of, {})
+        for path, place in some:
+            if place in views:
+                shown = place.name if isinstance(place, Camera) else place
+                raise DataError(f"{where} has view {shown} of '{name_of}' twice; remove one of the two.")
+            views[place] = path
+    _check_first(objects, where)
+    return {name_of: _in_order(views, f"'{name_of}' in {where}") for name_of, views in objects.items()}
 
 
-def _check_whole(what: str, views: Mapping[int, str], wanted: range) -> None:
-    asked = f"{VIEWS} views, {wanted[0]} to {wanted[-1]}, are wanted of every object"
-    for number in wanted:
-        if number not in views:
-            raise DataError(f"{what} lacks view {number}; {asked}, so render it or remove the object.")
-    extra = sorted(set(views) - set(wanted))
-    if extra:
-        raise DataError(f"{what} has a view {extra[0]}; {asked}, 30 degrees apart.")
+def _place(match: re.Match[str]) -> int | Camera:
+    """The number or the camera in a picture's name."""
+    if "azimuth" in match.groupdict():
+        return Camera(float(match["azimuth"]), float(match["elevation"]))
+    return int(match["view"])
+
+
+def _in_folder(named: Sequence[tuple[str, str]], where: str) -> list[tuple[str, int | Camera]]:
+    """The numbers or cameras of the pictures in an object's folder, whatever they are called.
+
+    Args:
+        named: path of each picture, and its name without the ending.
+        where: name of the folder in messages.
+
+    Raises:
+        DataError: the names differ by more than one number, or have none.
+    """
+    matches = [_PLACED.fullmatch(name) for _, name in named]
+    if all(matches):
+        return [(path, _place(match)) for (path, _), match in zip(named, matches, strict=True) if match]
+    fields = [re.split(r"(\d+)", name) for _, name in named]
+    for (path, _), one in zip(named, fields, strict=True):
+        if len(one) == 1:
+            raise DataError(f"{where}/{PurePosixPath(path).name} should have a view's number; rename it.")
+        if one[::2] != fields[0][::2]:
+            raise DataError(
+                f"{where} holds pictures of two series, {PurePosixPath(named[0][0]).name} and"
+                f" {PurePosixPath(path).name}; keep one series of views there."
+            )
+    numbers = np.array([[int(number) for number in one[1::2]] for one in fields], object)
+    (varying,) = np.nonzero((numbers != numbers[0]).any(axis=0))
+    if len(varying) > 1:
+        raise DataError(
+            f"The pictures in {where} differ in {len(varying)} numbers, as in"
+            f" {PurePosixPath(named[-1][0]).name}; number them from 1, or say where they were taken, as in"
+            " e30_a090.png."
+        )
+    column = varying[0] if len(varying) else -1
+    return [(path, int(number)) for (path, _), number in zip(named, numbers[:, column], strict=True)]
+
+
+def _check_first(objects: Mapping[str, Mapping[int | Camera, str]], where: str) -> None:
+    """Raises DataError if an object begins at 1 and ends where others end that begin at 0."""
+    numbers = {name: [n for n in views if isinstance(n, int)] for name, views in objects.items()}
+    spans = {name: (min(some), max(some)) for name, some in numbers.items() if some}
+    ends = {last for first, last in spans.values() if first == 0}
+    for name, (first, last) in spans.items():
+        if first == 1 and last in ends:
+            raise DataError(
+                f"'{name}' in {where} lacks view 0, which others there have; add it or remove the object."
+            )
+
+
+def _in_order(views: Mapping[int | Camera, str], what: str) -> Series:
+    numbers = {place: path for place, path in views.items() if not isinstance(place, Camera)}
+    cameras = {place: path for place, path in views.items() if isinstance(place, Camera)}
+    if numbers and cameras:
+        raise DataError(
+            f"{what} has pictures whose names tell elevation and azimuth, and others; name all in one way."
+        )
+    return placed(cameras, what) if cameras else numbered(numbers, what)
 
 
 def decode(data: bytes, name: str, size: int) -> NDArray[np.uint8]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
+from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
@@ -12,19 +14,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activelsd.envs.cache import Pictures, cache_file, fill, make_once, writing
 from activelsd.envs.cores import cores
 from activelsd.envs.digest import code_digest
 from activelsd.envs.modelnet import sources
 from activelsd.envs.modelnet.broken import BrokenObjects, note, noted, without
+from activelsd.envs.modelnet.cameras import Rig, Rings
 from activelsd.envs.modelnet.datasets import Dataset
-from activelsd.envs.modelnet.sources import AZIMUTHS, Item, PictureFiles, Shapes
+from activelsd.envs.modelnet.settings import AZIMUTHS
+from activelsd.envs.modelnet.sources import Item, PictureFiles, Shapes
 from activelsd.envs.settings import Progress, stage
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, load_graph
 from activelsd.envs.workers import spread
 from activelsd.errors import DataError
 
+_LOG = logging.getLogger("activelsd")
 _SHARE = 16
 """Objects for which starting another process, a third of a second, is worth it."""
 
@@ -33,7 +39,7 @@ def prepare(
     dataset: Dataset,
     *,
     size: int,
-    elevations: Sequence[float],
+    rig: Rig,
     cache: Path,
     workers: int | None = None,
     check: bool = True,
@@ -46,15 +52,15 @@ def prepare(
     its own files alone, not on the split, the classes, or the other objects. A file that cannot be read is
     made anew: nothing but this function writes under such a name.
 
-    Every object is one scene with one target, `CLASS/OBJECT`, seen from 12 azimuths by E elevations,
-    elevation after elevation; views are named like `e30_a090`. Episodes start at the 12 views of the first
-    elevation, all in the first split: `open_views` puts them in those of the dataset. There are no moves:
-    `orbit.with_moves` adds those asked for.
+    Every object is one scene with one target, `CLASS/OBJECT`, seen by the cameras of its rig (see `rigs_of`)
+    in order; views are named like `e30_a090`. Episodes start at the rig's first views, all in the first
+    split: `open_views` puts them in those of the dataset. There are no moves: `orbit.with_moves` adds those
+    asked for.
 
     Args:
         dataset: the objects.
         size: side S of the views in pixels.
-        elevations: of the cameras in degrees; pictures rendered by others stand for a single one.
+        rig: the cameras.
         cache: folder to keep the file in; made if need be.
         workers: how many processes render; None for as many as there are cores and work.
         check: read all objects before any is rendered.
@@ -65,21 +71,16 @@ def prepare(
 
     Raises:
         BrokenObjects: objects are broken; all of them are named. Views that are made stay.
-        DataError: the cache cannot be written, or elevations are asked for that pictures do not have.
+        DataError: the cache cannot be written, or pictures were not taken by such cameras.
     """
-    if isinstance(dataset.source, PictureFiles) and len(elevations) > 1:
-        raise DataError(
-            f"{dataset.source.files.root} holds pictures of a single ring of views, so elevations"
-            f" {list(elevations)} cannot be had from it; name one, or give meshes."
-        )
-    levels = [float(elevation) for elevation in elevations]
-    made_by = _made_by(size, levels)
+    rigs = rigs_of(dataset, rig)
+    made_by = _made_by(size, rig)
     names = _frame_names(dataset, made_by)
     objects = _digest([(item.name, name) for item, name in zip(dataset.items, names, strict=True)])
     key = {"dataset": dict(dataset.origin), "objects": objects} | made_by
     path = cache_file(cache, dataset.title, size, key)
 
-    job = {"source": dataset.source.spec(), "size": size, "elevations": levels}
+    job = {"source": dataset.source.spec(), "size": size, "cameras": made_by["cameras"]}
 
     def work(what: str, todo: list[int]) -> Generator[tuple[int, bytes], None, None]:
         """Results of a function of `sources` for objects; raises BrokenObjects at the end if any are."""
@@ -104,13 +105,64 @@ def prepare(
                 yield i, {"frames": np.frombuffer(data, np.uint8, offset=1)}
 
     def make() -> None:
-        graph = _without_frames(dataset, size, elevations)
-        ends = np.arange(1, len(names) + 1) * (len(graph.frames) // len(names))
+        _tell_differences(dataset, rigs)
+        ends = np.cumsum([len(one.cameras) for one in rigs])
+        graph = _without_frames(dataset, rigs, size, ends)
         only_read = isinstance(dataset.source, Shapes | PictureFiles)  # there is nothing to do before
         first = read_all if check and not only_read else None
         fill(path, graph, key, {"frames": ends}, rendered, names=names, check=first, progress=progress)
 
     return make_once(path, key, make)
+
+
+def rigs_of(dataset: Dataset, rig: Rig) -> list[Rig]:
+    """The cameras of every object: the rig, or those that its pictures by others were taken with.
+
+    Pictures stand on one ring, evenly spaced, unless their names tell where; or on the dodecahedron if that
+    is the rig, as their number does not tell a ring from it.
+
+    Raises:
+        DataError: the pictures were not taken with such a rig.
+    """
+    if not isinstance(dataset.source, PictureFiles):
+        return [rig] * len(dataset.items)
+    root = dataset.source.files.root
+    if isinstance(rig, Rings) and rig.climbs:
+        raise DataError(
+            f"{root} holds pictures, and only their names can tell elevations, as in cup_e30_a090.png; leave"
+            " out env.elevations, or give meshes."
+        )
+    return [_rig_of(item, rig, root) for item in dataset.items]
+
+
+def _rig_of(item: Item, rig: Rig, root: Path) -> Rig:
+    count = len(item.parts)
+    if isinstance(rig, Rings):
+        (ring,), asked = rig.rings, rig.starts
+        if asked not in (AZIMUTHS, count):
+            raise DataError(
+                f"'{item.name}' in {root} has {count} pictures, not {asked}; leave out env.azimuths."
+            )
+        return Rings(item.rings) if item.rings else Rings.even(count, [ring.elevation])
+    if item.rings or count != len(rig.cameras):
+        raise DataError(
+            f"'{item.name}' in {root} has {count} pictures, not one for each of a dodecahedron's"
+            f" {len(rig.cameras)} vertices in order; leave out env.cameras."
+        )
+    return rig
+
+
+def _tell_differences(dataset: Dataset, rigs: Sequence[Rig]) -> None:
+    """Logs how many views objects have if that differs: a view may be missing from the end of some."""
+    counts = Counter(len(rig.cameras) for rig in rigs)
+    if len(counts) == 1:
+        return
+    rare = min(counts, key=lambda views: (counts[views], views))
+    example = next(i.name for i, rig in zip(dataset.items, rigs, strict=True) if len(rig.cameras) == rare)
+    shown = ", ".join(f"{views} views of {n}" for views, n in sorted(counts.items()))
+    _LOG.warning(
+        "Objects of %s have different numbers of views: %s; '%s' has %d.", dataset.title, shown, example, rare
+    )
 
 
 def open_views(file: Path, dataset: Dataset) -> ViewGraph:
@@ -124,7 +176,7 @@ def prepared_views(
     dataset: Dataset,
     *,
     size: int,
-    elevations: Sequence[float],
+    rig: Rig,
     cache: Path,
     skip_broken: bool = False,
     progress: Progress | None = None,
@@ -134,7 +186,7 @@ def prepared_views(
     Args:
         dataset: the objects.
         size: as `prepare`.
-        elevations: as `prepare`.
+        rig: as `prepare`.
         cache: as `prepare`.
         skip_broken: leave out broken objects; the graph names them, as does the screen. Those that were found
             broken before are tried again, by themselves: what cannot be read may be readable now.
@@ -144,18 +196,18 @@ def prepared_views(
         DataError: as `prepare`; or a class is left with nothing to train or test on.
     """
     if not skip_broken:
-        views = prepare(dataset, size=size, elevations=elevations, cache=cache, progress=progress)
+        views = prepare(dataset, size=size, rig=rig, cache=cache, progress=progress)
         return open_views(views, dataset)
-    made_by = _made_by(size, [float(elevation) for elevation in elevations])
+    made_by = _made_by(size, rig)
     names = _frame_names(dataset, made_by)
     file = cache / f"broken-{_digest(names)}.json"
     known = noted(file)
     reasons = {
         i: reason
         for i, name in enumerate(names)
-        if name in known and (reason := _breaks(dataset, dataset.items[i], size, elevations))
+        if name in known and (reason := _breaks(dataset, dataset.items[i], size, rig))
     }
-    prepare_sound = partial(prepare, size=size, elevations=elevations, cache=cache, progress=progress)
+    prepare_sound = partial(prepare, size=size, rig=rig, cache=cache, progress=progress)
     found, path = _without_broken(dataset, reasons, prepare_sound)
     if found != reasons:
         with writing(cache):
@@ -179,17 +231,21 @@ def _without_broken(
     return _without_broken(dataset, dict(sorted({**reasons, **found}.items())), make, check=False)
 
 
-def _breaks(dataset: Dataset, item: Item, size: int, elevations: Sequence[float]) -> str | None:
+def _breaks(dataset: Dataset, item: Item, size: int, rig: Rig) -> str | None:
     """Why an object cannot be rendered; None if it can be."""
     try:
-        dataset.source.views(item, size=size, elevations=elevations)
+        dataset.source.views(item, size=size, cameras=rig.cameras)
     except DataError as error:
         return str(error)
     return None
 
 
-def _made_by(size: int, levels: Sequence[float]) -> dict[str, Any]:
-    return {"size": size, "elevations": list(levels), "code": code_digest(sources.__name__)}
+def _made_by(size: int, rig: Rig) -> dict[str, Any]:
+    return {
+        "size": size,
+        "cameras": [list(camera) for camera in rig.cameras],
+        "code": code_digest(sources.__name__),
+    }
 
 
 def _frame_names(dataset: Dataset, made_by: Mapping[str, Any]) -> list[str]:
@@ -204,23 +260,32 @@ def _digest(value: object) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:20]
 
 
-def _without_frames(dataset: Dataset, size: int, elevations: Sequence[float]) -> ViewGraph:
-    """The graph of a dataset's views; its frames are zeros that take no memory, its starts in one split."""
-    items, around = dataset.items, len(AZIMUTHS)
-    ring = [f"e{elevation:g}_a{azimuth:03d}" for elevation in elevations for azimuth in AZIMUTHS]
-    first = np.arange(len(items)) * len(ring)
+def _without_frames(dataset: Dataset, rigs: Sequence[Rig], size: int, ends: NDArray[np.int64]) -> ViewGraph:
+    """The graph of a dataset's views; its frames are zeros that take no memory, its starts in one split.
+
+    Args:
+        dataset: the objects.
+        rigs: the cameras of each.
+        size: side of the views in pixels.
+        ends: the view that those of each object end before.
+    """
+    items, views = dataset.items, int(ends[-1])
     names = tuple(item.name for item in items)
+    starts = [
+        range(end - len(rig.cameras), end - len(rig.cameras) + rig.starts)
+        for rig, end in zip(rigs, ends.tolist(), strict=True)
+    ]
     return ViewGraph(
-        frames=np.broadcast_to(np.uint8(0), (len(items) * len(ring), size, size)),
-        moves=np.zeros((len(items) * len(ring), 0), np.int32),
+        frames=np.broadcast_to(np.uint8(0), (views, size, size)),
+        moves=np.zeros((views, 0), np.int32),
         move_names=(),
         classes=dataset.classes,
         targets=names,
         labels=np.array([dataset.classes.index(item.category) for item in items], np.int64),
         scenes=names,
-        scene_of=np.repeat(np.arange(len(items), dtype=np.int32), len(ring)),
-        view_names=tuple(ring) * len(items),
-        start_view=(first[:, None] + np.arange(around)).ravel().astype(np.int32),
-        start_target=np.repeat(np.arange(len(items), dtype=np.int32), around),
-        start_split=np.zeros(len(items) * around, np.uint8),
+        scene_of=np.repeat(np.arange(len(items), dtype=np.int32), np.diff(ends, prepend=0)),
+        view_names=tuple(camera.name for rig in rigs for camera in rig.cameras),
+        start_view=np.concatenate(starts).astype(np.int32),
+        start_target=np.repeat(np.arange(len(items), dtype=np.int32), [len(some) for some in starts]),
+        start_split=np.zeros(sum(map(len, starts)), np.uint8),
     )

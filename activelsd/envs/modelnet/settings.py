@@ -1,11 +1,11 @@
-"""The ModelNet world: objects on an orbit of twelve cameras."""
+"""The ModelNet world: objects with cameras all around."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from activelsd import registry
 from activelsd.envs.settings import Progress, WorldSettings
@@ -13,7 +13,11 @@ from activelsd.errors import ConfigError
 from activelsd.sections import AbsolutePath, Section
 
 if TYPE_CHECKING:
+    from activelsd.envs.modelnet.cameras import Rig
     from activelsd.envs.viewgraph import ViewGraph
+
+AZIMUTHS, ELEVATION = 12, 30.0
+"""Cameras of a ring, and degrees above the horizontal plane, unless others are asked for."""
 
 
 class DatasetSettings(Section):
@@ -38,8 +42,8 @@ class ModelNetSettings(WorldSettings):
     """Look at an object from a ring of cameras, step around it, and name it.
 
     Observation and info are `ActiveVisionEnv`'s; the target fills the frame. Actions: the dataset's classes
-    in alphabetical order, then the moves. An episode begins at one of the 12 views of the first elevation
-    of an object of the split, both drawn uniformly.
+    in alphabetical order, then the moves. An episode begins at one of the views of the first elevation of
+    an object of the split, drawn uniformly.
 
     Example:
         >>> gymnasium.make("activelsd/World-v0", world="modelnet", navigate=["orbit_cw", "orbit_ccw"])
@@ -48,8 +52,12 @@ class ModelNetSettings(WorldSettings):
     about: ClassVar[str] = "embedded shapes (16 classes), or meshes, points or views at env.dataset.path"
 
     dataset: DatasetSettings = Field(DatasetSettings(), description="the objects")
+    azimuths: int = Field(AZIMUTHS, ge=2, le=360, description="cameras of a ring, evenly spaced")
     elevations: tuple[Annotated[float, Field(ge=-89, le=89)], ...] = Field(
-        (30.0,), min_length=1, description="elevations of the cameras in degrees, lowest first"
+        (ELEVATION,), min_length=1, description="elevations of the cameras in degrees, lowest first"
+    )
+    cameras: Literal["ring", "dodecahedron"] = Field(
+        "ring", description="where they stand: rings, or a dodecahedron's 20 vertices"
     )
     navigate: tuple[str, ...] = Field(
         ("orbit_cw", "orbit_ccw", "orbit_cw_90", "orbit_ccw_90"), min_length=1, description="moves, by name"
@@ -65,6 +73,17 @@ class ModelNetSettings(WorldSettings):
                 f"env.elevations=[{named}] must rise, since orbit_up goes to the next; write [{right}]."
             )
         return elevations
+
+    @field_validator("cameras")
+    @classmethod
+    def _one_rig(cls, cameras: str, info: ValidationInfo) -> str:
+        rings = (info.data.get("azimuths", AZIMUTHS), info.data.get("elevations", (ELEVATION,)))
+        if cameras == "dodecahedron" and rings != (AZIMUTHS, (ELEVATION,)):
+            raise ConfigError(
+                "env.cameras=dodecahedron has 20 cameras of its own; leave out env.azimuths and"
+                " env.elevations."
+            )
+        return cameras
 
     @classmethod
     def moves(cls) -> Sequence[str]:
@@ -83,20 +102,30 @@ class ModelNetSettings(WorldSettings):
         yield from super().parts()
         yield from ((registry.orbit_moves, name) for _, name in self.named_moves())
 
+    def rig(self) -> Rig:
+        """The cameras around every object."""
+        from activelsd.envs.modelnet.cameras import Dodecahedron, Rings
+
+        if self.cameras == "dodecahedron":
+            return Dodecahedron()
+        return Rings.even(self.azimuths, self.elevations)
+
     def graph(self, progress: Progress | None = None) -> ViewGraph:
         """The objects' views, rendered now if they are not in the cache."""
         from activelsd.envs.modelnet.datasets import open_dataset
-        from activelsd.envs.modelnet.orbit import ring_table, with_moves
-        from activelsd.envs.modelnet.prepare import prepared_views
+        from activelsd.envs.modelnet.orbit import move_tables, with_moves
+        from activelsd.envs.modelnet.prepare import prepared_views, rigs_of
 
-        names = [name for _, name in self.named_moves()]
-        ring_table(names, len(self.elevations))  # what does not fit is refused before minutes of rendering
+        dataset, rig = open_dataset(self.dataset), self.rig()
+        rigs = {item.name: own for item, own in zip(dataset.items, rigs_of(dataset, rig), strict=True)}
+        # What does not fit is refused before minutes of rendering.
+        move_tables([name for _, name in self.named_moves()], list(rigs.values()))
         graph = prepared_views(
-            open_dataset(self.dataset),
+            dataset,
             size=self.size,
-            elevations=self.elevations,
+            rig=rig,
             cache=self.cache_folder,
             skip_broken=self.dataset.skip_broken,
             progress=progress,
         )
-        return with_moves(graph, self.move_branches)
+        return with_moves(graph, self.move_branches, [rigs[name] for name in graph.scenes])

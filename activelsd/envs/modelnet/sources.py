@@ -14,17 +14,17 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.modelnet.cameras import Camera, Ring
 from activelsd.envs.modelnet.files import Folder, Zip, open_files
 from activelsd.envs.modelnet.pictures import decode
 from activelsd.envs.modelnet.points import decode_points
 from activelsd.envs.modelnet.readers import decode_mesh
-from activelsd.envs.modelnet.splits import FOLDERS
 from activelsd.envs.workers import Work
 from activelsd.errors import DataError
 from activelsd.scenery.meshes import Mesh
 
-AZIMUTHS: tuple[int, ...] = tuple(range(0, 360, 30))
-"""Degrees around the object, counter-clockwise seen from above, that cameras stand at."""
+_FOLDERS = ("train", "test")
+"""Of embedded shapes; their order is part of the seeds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,15 +34,16 @@ class Item:
     name: str  # CLASS/OBJECT, unique in its dataset
     category: str
     split: str  # train, val or test
-    parts: tuple[str, ...]  # what its source makes it of: a mesh's path, twelve pictures', or a number
+    parts: tuple[str, ...]  # what its source makes it of: a mesh's path, its pictures', or a number
     stamp: str  # changes when the files of its parts do
+    rings: tuple[Ring, ...] = ()  # where its pictures were taken, if their names tell
 
 
 class Source(Protocol):
     """Gives the views of the items of one dataset."""
 
-    def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
-        """uint8 (E * 12, size, size), elevation after elevation. Raises DataError that names what broke."""
+    def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
+        """uint8 (V, size, size) from every camera. Raises DataError that names what broke."""
         ...
 
     def check(self, item: Item) -> None:
@@ -66,9 +67,9 @@ class MeshFiles:
         beside = self.files.root / path if isinstance(self.files, Folder) else None
         return decode_mesh(self.files.read(path), self.files.where(path), beside=beside)
 
-    def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
+    def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
         """See `Source`."""
-        return _rendered(self.mesh(item), self.files.where(item.parts[0]), size, elevations)
+        return _rendered(self.mesh(item), self.files.where(item.parts[0]), size, cameras)
 
     def check(self, item: Item) -> None:
         """See `Source`."""
@@ -99,9 +100,9 @@ class PointFiles:
         with _naming(name):
             return disc_mesh(points.positions, points.normals)
 
-    def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
+    def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
         """See `Source`."""
-        return _rendered(self.mesh(item), self.files.where(item.parts[0]), size, elevations)
+        return _rendered(self.mesh(item), self.files.where(item.parts[0]), size, cameras)
 
     def check(self, item: Item) -> None:
         """See `Source`."""
@@ -119,9 +120,9 @@ class PictureFiles:
 
     files: Folder | Zip
 
-    def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
-        """See `Source`; the elevation is whichever they were rendered from."""
-        del elevations
+    def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
+        """See `Source`; the cameras are those they were taken with."""
+        del cameras
         pictures = [decode(self.files.read(path), self.files.where(path), size) for path in item.parts]
         return np.stack(pictures)
 
@@ -144,12 +145,12 @@ class Shapes:
         from activelsd.scenery.shapes import CATEGORIES, make_shape  # keeps OFF files fast
 
         folder, number = item.parts
-        words = (self.seed, FOLDERS.index(folder), CATEGORIES.index(item.category), int(number))
+        words = (self.seed, _FOLDERS.index(folder), CATEGORIES.index(item.category), int(number))
         return make_shape(item.category, np.random.default_rng(np.random.SeedSequence(words)))
 
-    def views(self, item: Item, *, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
+    def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
         """See `Source`."""
-        return _rendered(self.mesh(item), f"The embedded shape {item.name}", size, elevations)
+        return _rendered(self.mesh(item), f"The embedded shape {item.name}", size, cameras)
 
     def check(self, item: Item) -> None:
         """See `Source`; a shape cannot be broken."""
@@ -187,7 +188,8 @@ WHOLE, BROKEN = b"+", b"-"
 def renderer(job: Mapping[str, Any]) -> Iterator[Work]:
     """Makes the views of items from the source of a job, see `workers.spread`."""
     source = source_from(job["source"])
-    yield _work(lambda item: source.views(item, size=job["size"], elevations=job["elevations"]).tobytes())
+    cameras = [Camera(*camera) for camera in job["cameras"]]
+    yield _work(lambda item: source.views(item, size=job["size"], cameras=cameras).tobytes())
 
 
 @contextmanager
@@ -212,11 +214,11 @@ def _work(do: Callable[[Item], bytes]) -> Work:
     return work
 
 
-def _rendered(mesh: Mesh, name: str, size: int, elevations: Sequence[float]) -> NDArray[np.uint8]:
+def _rendered(mesh: Mesh, name: str, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
     from activelsd.scenery.orbit_renderer import render_views  # embree is not needed for pictures
 
     with _naming(name):
-        return render_views(mesh, size=size, azimuths=AZIMUTHS, elevations=elevations)
+        return render_views(mesh, size=size, cameras=cameras)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from activelsd.envs.modelnet.cameras import Rings
 from activelsd.envs.modelnet.sources import MeshFiles, PictureFiles, Shapes, source_from
 from activelsd.errors import ConfigError, DataError
 from tests.graphs import opened
@@ -60,7 +61,7 @@ def draw_views(root, name, category="cup", numbers=range(1, 13), size=24, form="
 
 
 def look(dataset, i=0, size=16):
-    return dataset.source.views(dataset.items[i], size=size, elevations=[30.0])
+    return dataset.source.views(dataset.items[i], size=size, cameras=Rings.even(12, [30.0]).cameras)
 
 
 def test_a_folder_of_meshes(meshes):
@@ -186,10 +187,9 @@ def test_pictures_of_any_colour_depth(tmp_path):
 def test_pictures_that_do_not_fit(tmp_path):
     root = draw_views(tmp_path / "a", "a")
     (root / "cup/train/a_train_007.png").unlink()
-    with pytest.raises(DataError, match=r"'a_train' in .*/cup/train lacks view 7; 12 views, 1 to 12"):
-        opened(root)
-    root = draw_views(tmp_path / "b", "b", numbers=range(1, 14))
-    with pytest.raises(DataError, match=r"'b_test' in .* has a view 13; 12 views"):
+    with pytest.raises(
+        DataError, match=r"'a_train' in .*/cup/train has views 1 to 12 but lacks view 7; add it"
+    ):
         opened(root)
     root = draw_views(tmp_path / "c", "c")
     (root / "cup/train/c_train_v3.jpg").write_bytes(b"")
@@ -383,11 +383,87 @@ def test_pictures_in_a_folder_of_their_object(tmp_path):
         np.testing.assert_array_equal(look(dataset), look(opened(root)))
     extra = tmp_path / "two/cup/train/a_train/mask-001.png"
     extra.write_bytes(b"")
-    with pytest.raises(DataError, match=r"is not of the same series as others in the folder of 'a_train'"):
+    with pytest.raises(
+        DataError, match=r"two/cup/train/a_train holds pictures of two series, mask-001\.png and"
+    ):
         opened(tmp_path / "two")
     lay_out(tmp_path / "three", ["cup/train/a/1.off", "cup/train/a/2.off", "cup/test/b/1.off"])
     with pytest.raises(DataError, match=r"a/1\.off and 2\.off are in the folder of one object"):
         opened(tmp_path / "three")
+
+
+def sided(root, names, category="cup"):
+    """A set in which the object's pictures are called so, each of its own gray."""
+    for split in ("train", "test"):
+        for i, name in enumerate(names):
+            path = root / category / split / f"{split}_{name}"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(path), np.full((16, 16), 3 * i, np.uint8))
+    return root
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        *[[f"a_{i + first:03d}.png" for i in range(n)] for n, first in ((6, 0), (8, 1), (36, 1), (80, 0))],
+        [f"obj3__{5 * i}.png" for i in range(72)],
+        [f"9_r{45 * i}.png" for i in range(8)],
+        [f"a.obj.shaded_v{i + 1:03d}.png" for i in range(20)],
+        [f"a/{i}.png" for i in range(16)],
+        [f"a/IMG_{i + 2031}.png" for i in range(8)],
+        [f"a/photo ({i + 1}).png" for i in range(11)],
+        [f"a/{i:03d}_rgb_2.png" for i in range(10)],
+        [f"a/view{i}/scan.png" for i in range(6)],
+        [f"a/{d}.png" for d in (0, 22, 45, 67, 90, 112, 135, 157, 180, 202, 225, 247, 270, 292, 315, 337)],
+        ["a/only1.png"],
+    ],
+)
+def test_any_number_of_pictures_in_their_natural_order(tmp_path, names):
+    (item, _) = opened(sided(tmp_path, names)).items
+    assert list(item.parts) == [f"cup/train/train_{name}" for name in names]
+    assert item.rings == ()
+
+
+@pytest.mark.parametrize("folder", ["a/", "a_", "a/b-"])
+def test_names_tell_elevation_and_azimuth(tmp_path, folder):
+    low = [f"{folder}e-10_a{22.5 * i:g}.png" for i in range(16)]
+    high = [f"{folder}e30.5_a{45 * i + 10:03d}.png" for i in range(8)]
+    (item, _) = opened(sided(tmp_path, low + high)).items
+    assert list(item.parts) == [f"cup/train/train_{name}" for name in low + high]
+    assert [(ring.elevation, len(ring.azimuths)) for ring in item.rings] == [(-10, 16), (30.5, 8)]
+    assert item.rings[1].azimuths[:2] == (10, 55)
+
+
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [
+        ([f"a_{i}.png" for i in (1, 2, 4)], "has views 1 to 4 but lacks view 3; add it or remove"),
+        ([f"a_{i}.png" for i in (2, 3, 4)], "has views 2 to 4 but lacks view 1;"),
+        ([f"a_{i}.png" for i in range(0, 330, 30)], "has views 0 to 300 but lacks view 330;"),
+        ([f"a_{i}.png" for i in range(0, 360, 5) if i != 85], "has views 0 to 355 but lacks view 85;"),
+        ([f"a_{i}.png" for i in (2, 4, 6, 8)], "has views 2 to 8 in steps of 2; number them from 1, or"),
+        ([f"a/{i}.png" for i in (0, 1, 3)], "has views 0 to 3 but lacks view 2;"),
+        (["a/e0_a000.png", "a/e0_a090.png", "a/e0_a270.png"], "of 0 degrees, has views 0 to 270 but lacks"),
+        (["a_e0_a000.png", "a_e0_a180.png", "a_001.png"], "tell elevation and azimuth, and others"),
+        (["a/066-027.png", "a/066-063.png", "a/090-000.png"], "differ in 2 numbers, as in 090-000.png;"),
+        (["a/front.png", "a/back.png"], "should have a view's number"),
+        (["a/1.png", "a_1.png"], "has a folder 'test_a' and pictures of that name beside it"),
+        (["a/1.png", "a/1.jpg"], "has view 1 of 'test_a' twice"),
+        (
+            ["a_0.png", "a_1.png", "a_2.png", "b_1.png", "b_2.png"],
+            "'test_b' in .* lacks view 0, which others",
+        ),
+    ],
+)
+def test_what_is_missing_or_cannot_be_told_is_refused(tmp_path, names, sentence):
+    with pytest.raises(DataError, match=sentence) as caught:
+        opened(sided(tmp_path, names))
+    assert str(caught.value).count(". ") == 0
+
+
+def test_objects_of_different_numbers_of_views(tmp_path):
+    dataset = opened(sided(tmp_path, [f"a/{i}.png" for i in range(16)] + [f"b_{i}.png" for i in range(1, 9)]))
+    assert [len(item.parts) for item in dataset.items] == [16, 8, 16, 8]
 
 
 COMPANIONS = [

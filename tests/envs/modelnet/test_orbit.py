@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from activelsd import registry
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
-from activelsd.envs.modelnet.orbit import AZIMUTHS, OrbitMove, ring_table, with_moves
+from activelsd.envs.modelnet.cameras import VERTICES, Camera, Dodecahedron, Rig, Ring, Rings
+from activelsd.envs.modelnet.orbit import OrbitMove, move_tables, with_moves
+from activelsd.envs.modelnet.settings import AZIMUTHS
 from activelsd.errors import ConfigError, DataError
 from tests.graphs import ring_graph
 
@@ -26,6 +30,16 @@ MEANT = {
     "orbit_up": (0, 1),
     "orbit_down": (0, -1),
 }
+
+TWELVE = [Rings.even(AZIMUTHS, [30.0])] * 3
+
+
+def table_of(names: Sequence[str], rig: Rig) -> NDArray[np.int32]:
+    return move_tables(names, [rig])[rig]
+
+
+def ring_table(names: Sequence[str], elevations: int) -> NDArray[np.int32]:
+    return table_of(names, Rings.even(AZIMUTHS, range(elevations)))
 
 
 def camera(azimuth: float, level: int) -> tuple[float, float, int]:
@@ -90,7 +104,7 @@ def test_every_object_keeps_to_its_own_views() -> None:
 
 
 def test_other_moves_replace_those_there_were() -> None:
-    graph = with_moves(ring_graph(objects=3, classes=1), ["orbit_opposite"])
+    graph = with_moves(ring_graph(objects=3, classes=1), ["orbit_opposite"], TWELVE)
     assert graph.move_names == ("orbit_opposite",)
     assert graph.moves.shape == (36, 1)
     assert graph.moves[:12, 0].tolist() == [6, 7, 8, 9, 10, 11, 0, 1, 2, 3, 4, 5]
@@ -123,19 +137,86 @@ def test_errors_are_one_sentence(names: list[str], elevations: int, sentence: st
     assert str(error.value) == sentence
 
 
-def test_a_name_like_none_gets_the_list_and_a_crooked_move_is_refused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_name_like_none_gets_the_list() -> None:
     with pytest.raises(ConfigError, match=r"no orbit move 'zzz'; there are orbit_cw, orbit_ccw, "):
         ring_table(["zzz"], 1)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 6, 8, 16, 20, 36, 80])
+def test_on_a_ring_of_any_number_an_angle_is_the_nearest_number_of_cameras(count: int) -> None:
+    rig = Rings.even(count, [30.0])
+    table = table_of([name for name in MEANT if not MEANT[name][1]], rig)
+    for column, (name, (degrees, up)) in enumerate(MEANT.items()):
+        if up:
+            continue
+        cameras = [1.0 if abs(degrees) == 30 else abs(degrees) * count / 360]
+        steps = max(1, int(cameras[0] + 0.5)) * (1 if degrees > 0 else -1)
+        meant = [(view + steps) % count for view in range(count)]
+        assert table[:, column].tolist() == (meant if steps % count else [-1] * count), name
+    assert len({one.name for one in rig.cameras}) == count
+
+
+def test_a_move_of_ones_own_keeps_its_angle(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(registry.orbit_moves._added, "crooked", OrbitMove(around=45))
-    with pytest.raises(ConfigError, match="45 degrees around; cameras stand every 30"):
-        ring_table(["crooked"], 1)
+    assert table_of(["crooked"], Rings.even(16, [0.0]))[0] == [2]
+    assert table_of(["crooked"], Rings.even(8, [0.0]))[0] == [1]
+    assert table_of(["crooked"], Rings.even(12, [0.0]))[0] == [2], "half a camera counts as one"
+
+
+def test_rings_of_different_numbers_are_joined_at_the_nearest_azimuth() -> None:
+    eight = Ring(60.0, tuple(10 + 45.0 * i for i in range(8)))
+    rig = Rings((*Rings.even(16, [0.0]).rings, eight, Ring(90.0, (0.0,))))
+    up, down, cw = table_of(["orbit_up", "orbit_down", "orbit_cw"], rig).T
+    assert up[:5].tolist() == [16, 16, 17, 17, 18]  # 22.5 is nearer to 10 than to 55
+    assert up[15] == 23, "337.5 is 32.5 from 10, and 12.5 from 325"
+    assert set(up[16:24]) == {24}
+    assert (down[:16] == -1).all()
+    assert down[16:18].tolist() == [0, 2]
+    assert cw[[0, 16, 24]].tolist() == [15, 23, -1]
+    assert (rig.starts, len(rig.cameras)) == (16, 25)
+
+
+def test_objects_keep_their_own_rings() -> None:
+    rigs = [Rings.even(count, [30.0]) for count in (8, 12, 3)]
+    graph = replace(ring_graph(objects=2, classes=1), scenes=("a", "b", "c"))
+    short = replace(
+        graph, scene_of=np.repeat(np.arange(3, dtype=np.int32), [8, 12, 3]), moves=graph.moves[:23]
+    )
+    table = with_moves(short, ["orbit_ccw"], rigs).moves[:, 0]
+    assert table.tolist() == [*range(1, 8), 0, *range(9, 20), 8, 21, 22, 20]
+
+
+def test_moves_on_the_dodecahedron_follow_its_edges() -> None:
+    rig = Dodecahedron()
+    vertices = np.array(VERTICES)
+    assert np.allclose(np.square(vertices).sum(1), 3)
+    edges = np.isclose(np.linalg.norm(vertices[:, None] - vertices, axis=2), 2 / ((1 + 5**0.5) / 2))
+    assert (edges.sum(1) == 3).all()
+    for one, (x, y, z) in zip(rig.cameras, vertices, strict=True):
+        a, e = np.radians(one.azimuth), np.radians(one.elevation)
+        assert np.allclose(
+            [np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], np.array([x, y, z]) / 3**0.5
+        )
+    names = ["orbit_cw", "orbit_ccw", "orbit_up", "orbit_down", "orbit_opposite"]
+    table = table_of(names, rig)
+    for view, row in enumerate(table.tolist()):
+        assert all(edges[view, to] for to in row[:4] if to >= 0)
+        assert np.allclose(vertices[row[4]], vertices[view] * [-1, -1, 1])
+        up, down = row[2:4]
+        assert up == -1 or vertices[up, 2] > vertices[view, 2]
+        assert down == -1 or vertices[down, 2] < vertices[view, 2]
+    assert (table[:, 2] == -1).sum() == (table[:, 3] == -1).sum() == 2
+    view, seen = 0, set()
+    while view not in seen:
+        seen.add(view)
+        view = int(table[view, 0])
+    assert len(seen) == 10, "clockwise goes all around the object"
+    assert Camera(22.5, 30).name == "e30_a022.5"
 
 
 def test_moves_named_twice_or_not_at_all_are_refused() -> None:
     graph = ring_graph(objects=3, classes=1)
     with pytest.raises(ConfigError, match="'orbit_cw' is named twice"):
-        tree_of(with_moves(graph, ["orbit_cw", "orbit_cw"]))
+        tree_of(with_moves(graph, ["orbit_cw", "orbit_cw"], TWELVE))
     with pytest.raises(DataError, match="no move"):
-        tree_of(replace(with_moves(graph, [])))
+        tree_of(replace(with_moves(graph, [], TWELVE)))

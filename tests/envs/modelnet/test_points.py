@@ -7,6 +7,7 @@ import io
 import numpy as np
 import pytest
 
+from activelsd.envs.modelnet.cameras import Rings
 from activelsd.envs.modelnet.points import decode_points
 from activelsd.envs.world import world_settings
 from activelsd.errors import DataError
@@ -79,7 +80,7 @@ def test_a_folder_of_clouds_is_a_data_set(clouds):
     dataset = opened(clouds)
     assert dataset.classes == ("ball", "plate")
     for item in dataset.items:
-        views = dataset.source.views(item, size=32, elevations=[0.0])
+        views = dataset.source.views(item, size=32, cameras=Rings.even(12, [0.0]).cameras)
         shares = (views < 255).mean(axis=(1, 2))
         low, high = (0.5, 0.7) if item.category == "ball" else (0.03, 0.12)
         assert (low < shares).all()
@@ -95,7 +96,7 @@ def test_points_beside_meshes_and_too_few_points_are_refused(clouds):
     np.save(clouds / "ball" / "train" / "train_0.npy", CLOUD[:5])
     dataset = opened(clouds)
     with pytest.raises(DataError, match=r"train_0\.npy cannot be rendered: there are 5 different points"):
-        dataset.source.views(dataset.items[0], size=32, elevations=[0.0])
+        dataset.source.views(dataset.items[0], size=32, cameras=Rings.even(12, [0.0]).cameras)
     (clouds / "plate" / "test" / "a.off").write_text("OFF")
     with pytest.raises(DataError, match=r"holds meshes \(.*a.off\) and points \(.*npy\) side by side"):
         opened(clouds)

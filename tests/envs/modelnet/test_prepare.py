@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,12 +17,15 @@ import pytest
 from activelsd.envs import cache, digest, workers
 from activelsd.envs.cache import PartialGraph
 from activelsd.envs.modelnet.broken import BrokenObjects
-from activelsd.envs.modelnet.prepare import open_views, prepare, prepared_views
+from activelsd.envs.modelnet.cameras import Dodecahedron, Rings
+from activelsd.envs.modelnet.orbit import with_moves
+from activelsd.envs.modelnet.prepare import open_views, prepare, prepared_views, rigs_of
 from activelsd.envs.viewgraph import SPLITS, load_graph, read_key
 from activelsd.errors import ActiveLSDError, DataError
 from tests.graphs import opened
 
 SIZE = 32
+RING = Rings.even(12, [30.0])
 
 
 def shapes(train=3, test=2, classes=("cup", "vase")):
@@ -29,7 +33,7 @@ def shapes(train=3, test=2, classes=("cup", "vase")):
 
 
 def prepared(dataset, cache, **options):
-    return prepare(dataset, **{"size": SIZE, "elevations": [30.0], "cache": cache, **options})
+    return prepare(dataset, **{"size": SIZE, "rig": RING, "cache": cache, **options})
 
 
 def names(folder):
@@ -38,7 +42,7 @@ def names(folder):
 
 def test_the_graph_is_a_ring_of_views_per_object(tmp_path):
     dataset = shapes()
-    graph = open_views(prepared(dataset, tmp_path, elevations=[30, 0.5]), dataset)
+    graph = open_views(prepared(dataset, tmp_path, rig=Rings.even(12, [30, 0.5])), dataset)
     objects = len(dataset.items)
     assert graph.frames.shape == (objects * 24, SIZE, SIZE)
     assert isinstance(graph.frames, np.memmap)
@@ -49,12 +53,12 @@ def test_the_graph_is_a_ring_of_views_per_object(tmp_path):
     assert graph.view_names[12:14] == ("e0.5_a000", "e0.5_a030")
     assert len(set(zip(graph.scene_of.tolist(), graph.view_names, strict=True))) == objects * 24
     for i, item in enumerate(dataset.items):
-        views = dataset.source.views(item, size=SIZE, elevations=[30, 0.5])
+        views = dataset.source.views(item, size=SIZE, cameras=Rings.even(12, [30, 0.5]).cameras)
         np.testing.assert_array_equal(graph.frames[24 * i : 24 * i + 24], views)
         starts = np.flatnonzero(graph.start_target == i)
         assert graph.start_view[starts].tolist() == list(range(24 * i, 24 * i + 12))
         assert {SPLITS[s] for s in graph.start_split[starts]} == {item.split}
-    assert names(tmp_path) == [prepared(dataset, tmp_path, elevations=[30, 0.5]).name]
+    assert names(tmp_path) == [prepared(dataset, tmp_path, rig=Rings.even(12, [30, 0.5])).name]
 
 
 def test_what_is_there_is_taken_and_settings_live_side_by_side(tmp_path):
@@ -66,7 +70,7 @@ def test_what_is_there_is_taken_and_settings_live_side_by_side(tmp_path):
     assert first.stat().st_mtime_ns == stamp
     others = {
         prepared(shapes(), tmp_path, size=16),
-        prepared(shapes(), tmp_path, elevations=[0]),
+        prepared(shapes(), tmp_path, rig=Rings.even(12, [0])),
         prepared(shapes(train=4), tmp_path),
     }
     assert len(others | {first}) == len(names(tmp_path)) == 4
@@ -93,6 +97,7 @@ SCRIPT = """
 import sys, time
 from pathlib import Path
 from activelsd.envs import cache
+from activelsd.envs.modelnet.cameras import Rings
 from activelsd.envs.modelnet.datasets import open_dataset
 from activelsd.envs.modelnet.prepare import prepare
 from activelsd.envs.modelnet.settings import DatasetSettings
@@ -105,7 +110,7 @@ def progress(done, total):
 
 prepare(
     open_dataset(DatasetSettings(train_per_class=30, test_per_class=2, classes=("cup", "vase"))),
-    size=32, elevations=[30.0], cache=Path(sys.argv[1]), workers=2, progress=progress,
+    size=32, rig=Rings.even(12, [30.0]), cache=Path(sys.argv[1]), workers=2, progress=progress,
 )
 """
 
@@ -209,7 +214,7 @@ def test_one_broken_mesh_is_one_sentence(tmp_path):
 
 
 def views_without_broken(root, cache, **options):
-    how = {"size": SIZE, "elevations": [30.0], "cache": cache, "skip_broken": True}
+    how = {"size": SIZE, "rig": RING, "cache": cache, "skip_broken": True}
     return prepared_views(opened(root), **(how | options))
 
 
@@ -353,8 +358,65 @@ def test_views_rendered_by_others(tmp_path):
     graph = load_graph(prepared(dataset, tmp_path / "cache", workers=2))
     assert graph.frames[:12].mean((1, 2)).tolist() == [20 * i for i in range(12)]
     assert graph.view_names[11] == "e30_a330"
-    with pytest.raises(DataError, match=r"pictures of a single ring of views, so elevations \[0, 30\]"):
-        prepared(dataset, tmp_path / "cache", elevations=[0, 30])
+    with pytest.raises(DataError, match=r"holds pictures, and only their names can tell elevations"):
+        prepared(dataset, tmp_path / "cache", rig=Rings.even(12, [0, 30]))
+
+
+def test_objects_with_rings_of_their_own(tmp_path, caplog):
+    """16 views, 8, and 4 over 3: frames, starts and moves follow, also if frames are copied."""
+    names = {
+        "a": [f"{i}.png" for i in range(16)],
+        "b": [f"{i}.png" for i in range(1, 9)],
+        "c": [f"e0_a{90 * i}.png" for i in range(4)] + [f"e30_a{120 * i}.png" for i in range(3)],
+    }
+    for split, name in ((s, n) for s in ("train", "test") for n in names):
+        folder = tmp_path / "net/cup" / split / f"{name}{split}"
+        folder.mkdir(parents=True)
+        for i, file in enumerate(names[name]):
+            cv2.imwrite(str(folder / file), np.full((8, 8), 10 * i, np.uint8))
+    dataset = opened(tmp_path / "net")
+    rigs = rigs_of(dataset, RING)
+    graph = open_views(prepared(dataset, tmp_path / "cache"), dataset)
+    assert "7 views of 2, 8 views of 2, 16 views of 2; 'cup/ctrain' has 7." in caplog.text
+    counts = [16, 8, 7] * 2
+    assert np.bincount(graph.scene_of).tolist() == counts
+    assert np.bincount(graph.start_target).tolist() == [16, 8, 4] * 2
+    assert graph.frames.mean((1, 2)).tolist() == [10 * i for n in counts for i in range(n)]
+    assert graph.view_names[16:18] == ("e30_a000", "e30_a045")
+    low, high = (
+        tuple(f"{e}_a{d:03d}" for d in range(0, 360, step)) for e, step in (("e0", 90), ("e30", 120))
+    )
+    assert graph.view_names[24:31] == low + high
+    moved = with_moves(graph, ["orbit_ccw_90", "orbit_up"], rigs)
+    assert moved.moves[[0, 16, 24, 28]].tolist() == [[4, -1], [18, -1], [25, 28], [29, -1]]
+    shutil.rmtree(tmp_path / "net/cup/train/atrain")
+    counted = []
+    less = opened(tmp_path / "net")
+    path = prepared(less, tmp_path / "cache", progress=lambda *now: counted.append(now))
+    assert counted == [(5, 5)]
+    assert path.read_bytes() == prepared(less, tmp_path / "fresh").read_bytes()
+
+
+def test_a_rig_that_pictures_were_not_taken_with_is_refused(tmp_path):
+    for split in ("train", "test"):
+        (tmp_path / f"net/cup/{split}").mkdir(parents=True)
+        for i in range(8):
+            cv2.imwrite(str(tmp_path / f"net/cup/{split}/{split}_{i}.png"), np.zeros((8, 8), np.uint8))
+    dataset = opened(tmp_path / "net")
+    for rig, sentence in (
+        (Rings.even(16, [30.0]), r"'cup/train' in .* has 8 pictures, not 16; leave out env\.azimuths"),
+        (Dodecahedron(), r"'cup/train' in .* has 8 pictures, not one for each of a dodecahedron's 20"),
+    ):
+        with pytest.raises(DataError, match=sentence):
+            prepared(dataset, tmp_path / "cache", rig=rig)
+    assert prepared(dataset, tmp_path / "cache", rig=Rings.even(8, [30.0])).exists()
+
+
+def test_cameras_on_a_dodecahedron(tmp_path):
+    dataset = shapes(train=2, test=1, classes=("cup",))
+    graph = open_views(prepared(dataset, tmp_path, rig=Dodecahedron()), dataset)
+    assert len(graph.frames) == len(graph.start_view) == 60
+    assert len(set(graph.view_names[:20])) == 20
 
 
 def test_a_cache_that_cannot_be_written(tmp_path):
@@ -458,10 +520,10 @@ def test_processes_start_light():
 
 
 def test_a_change_of_a_source_is_seen(tmp_path, monkeypatch):
-    """The module that chooses the azimuths is among those that a cache depends on."""
+    """The module that makes the views is among those that a cache depends on."""
     path, source = prepared(shapes(), tmp_path), digest._source
     changed = tmp_path / "sources.py"
-    changed.write_text(source("activelsd.envs.modelnet.sources").read_text().replace("360, 30", "360, 15"))
+    changed.write_text(source("activelsd.envs.modelnet.sources").read_text().replace("np.stack", "np.array"))
     monkeypatch.setattr(
         digest, "_source", lambda name: changed if name == "activelsd.envs.modelnet.sources" else source(name)
     )
