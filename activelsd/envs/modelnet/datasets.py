@@ -14,7 +14,7 @@ from activelsd.envs.modelnet.cameras import Ring
 from activelsd.envs.modelnet.companions import class_names, ending, objects_only
 from activelsd.envs.modelnet.files import Folder, Zip, open_files, readable
 from activelsd.envs.modelnet.layout import Entry, Layout, find_layout
-from activelsd.envs.modelnet.readers import check_format
+from activelsd.envs.modelnet.readers import check_format, other_files
 from activelsd.envs.modelnet.settings import DatasetSettings
 from activelsd.envs.modelnet.sources import FILES, Item, MeshFiles, PictureFiles, PointFiles, Shapes, Source
 from activelsd.envs.modelnet.splits import FOLDERS, chosen, with_validation
@@ -198,7 +198,12 @@ def _in_one_file(files: Folder | Zip, entries: Sequence[Entry]) -> list[_Object]
                 " of them, or put both where the folder is."
             )
         found[folder if entry.owner else (entry.path,)] = entry
-    return [_Object(e.category, str(e.split), _name(e), (e.path,), e.stamp) for e in found.values()]
+    return [_Object(e.category, str(e.split), _name(e), (e.path,), _stamp(files, e)) for e in found.values()]
+
+
+def _stamp(files: Folder | Zip, entry: Entry) -> str:
+    """The stamps of a file and of those that it refers to."""
+    return " ".join([entry.stamp, *map(files.stamp, other_files(files, entry.path))])
 
 
 def _name(entry: Entry) -> str:

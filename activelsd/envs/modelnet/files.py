@@ -87,7 +87,7 @@ class Folder:
                     if not stat.S_ISREG(about.st_mode):
                         what = f"{self.where(prefix + entry.name)} is no file that can be read"
                         raise DataError(f"{what}; remove it.")
-                    yield Member(prefix + entry.name, f"{about.st_size}:{about.st_mtime_ns}")
+                    yield Member(prefix + entry.name, _stamp(about))
 
     def _above(self, prefix: str) -> list[Path]:
         here = (self.root / prefix).resolve()
@@ -103,6 +103,25 @@ class Folder:
             return (self.root / path).read_bytes()
         except OSError as error:
             raise DataError(f"{self.where(path)} cannot be read ({error.strerror}); copy it again.") from None
+
+    def head(self, path: str, size: int) -> bytes:
+        """The first bytes of a file, all for -1. Raises DataError as `read` does."""
+        try:
+            with (self.root / path).open("rb") as file:
+                return file.read(size)
+        except OSError as error:
+            raise DataError(f"{self.where(path)} cannot be read ({error.strerror}); copy it again.") from None
+
+    def stamp(self, path: str) -> str:
+        """The stamp of a file, whether it is among the members or not; empty if there is none."""
+        try:
+            return _stamp((self.root / path).stat())
+        except (OSError, ValueError):
+            return ""
+
+
+def _stamp(about: os.stat_result) -> str:
+    return f"{about.st_size}:{about.st_mtime_ns}"
 
 
 @dataclass(frozen=True)
@@ -121,15 +140,27 @@ class Zip:
             if path and not any(map(_is_hidden, path.split("/"))):
                 yield Member(path, "" if path.endswith("/") else f"{info.file_size}:{info.CRC}")
 
+    def stamp(self, path: str) -> str:
+        """The stamp of a file, whether it is among the members or not; empty if there is none."""
+        info = _opened(self.root).entries.get(path)
+        return "" if info is None else f"{info.file_size}:{info.CRC}"
+
     def where(self, path: str) -> str:
         """The name of a file in messages."""
         return f"{readable(str(self.root))}/{path}"
 
     def read(self, path: str) -> bytes:
         """A file's bytes. Raises DataError if the zip is damaged there or locked by a password."""
+        return self.head(path, -1)
+
+    def head(self, path: str, size: int) -> bytes:
+        """The first bytes of a file, all for -1. Raises DataError as `read` does."""
+        archive = _opened(self.root)
         try:
-            archive = _opened(self.root)
-            return archive.file.read(archive.entries[path])
+            with archive.file.open(archive.entries[path]) as file:
+                return file.read(size)
+        except KeyError:
+            raise DataError(f"{self.where(path)} is not in the zip; pack it again with that file.") from None
         except (zipfile.BadZipFile, zlib.error, EOFError, OSError):
             raise DataError(f"{self.where(path)} is damaged inside the zip; download it again.") from None
         except (RuntimeError, NotImplementedError) as error:  # a password, or a compression Python lacks

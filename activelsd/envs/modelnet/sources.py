@@ -18,7 +18,7 @@ from activelsd.envs.modelnet.cameras import Camera, Ring
 from activelsd.envs.modelnet.files import Folder, Zip, open_files
 from activelsd.envs.modelnet.pictures import decode
 from activelsd.envs.modelnet.points import decode_points
-from activelsd.envs.modelnet.readers import decode_mesh
+from activelsd.envs.modelnet.readers import read_mesh
 from activelsd.envs.workers import Work
 from activelsd.errors import DataError
 from activelsd.scenery.meshes import Mesh
@@ -64,8 +64,7 @@ class MeshFiles:
     def mesh(self, item: Item) -> Mesh:
         """The mesh of an item. Raises DataError that names the file if it is broken."""
         (path,) = item.parts
-        beside = self.files.root / path if isinstance(self.files, Folder) else None
-        return decode_mesh(self.files.read(path), self.files.where(path), beside=beside)
+        return read_mesh(self.files, path)
 
     def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
         """See `Source`."""
