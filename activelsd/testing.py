@@ -40,9 +40,9 @@ _STEPS = 50
 def check_world(settings: WorldSettings, *, train_steps: int = 2000) -> None:
     """Check that a world does what every world must.
 
-    Its settings survive their file, what it shows is sound, one environment plays as the batch does action
-    for action, Gymnasium's own checker is content, agents in other processes build the same world from its
-    settings, and a run trains in it and is compared.
+    Its settings survive their file, what it shows is sound, in gray and in colour one environment plays as
+    the batch does action for action, Gymnasium's own checker is content, agents in other processes build the
+    same world from its settings, and a run trains in it and is compared.
 
     Args:
         settings: of a registered world.
@@ -59,12 +59,8 @@ def check_world(settings: WorldSettings, *, train_steps: int = 2000) -> None:
         _check_names(graph)
         _check_moves(settings, graph)
         _check_rebuilt(settings)
-        env = settings.env()
-        try:
-            check_env(env, skip_render_check=True)
-            _check_batch(env, graph, settings)
-        finally:
-            env.close()
+        for colour, channels in (("gray", 1), ("rgb", 3)):
+            _check_played(settings.model_copy(update={"colour": colour}), channels)
         if train_steps:
             _check_run([*words, f"train.steps={train_steps}", f"runs={folder}", "threads=1"])
 
@@ -118,6 +114,16 @@ def _check_rebuilt(settings: WorldSettings) -> None:
     tree = env.get_wrapper_attr("tree")
     env.close()
     assert tree == tree_of(settings.open()), "Gymnasium's environment has other actions than the graph"
+
+
+def _check_played(settings: WorldSettings, channels: int) -> None:
+    graph, env = settings.open(), settings.env()
+    assert graph.channels == channels, f"with colour={settings.colour} there are {graph.channels} channels"
+    try:
+        check_env(env, skip_render_check=True)
+        _check_batch(env, graph, settings)
+    finally:
+        env.close()
 
 
 def _check_batch(env: ActiveVisionEnv, graph: ViewGraph, settings: WorldSettings) -> None:

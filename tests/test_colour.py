@@ -158,6 +158,12 @@ def test_gray_and_colour_do_not_play_together() -> None:
         ConfigError, match=r"one colour, not env\.modelnet\.colour=gray and env\.avd\.colour=rgb"
     ):
         resolve(["env=modelnet,avd", "env.avd.colour=rgb"])
+    parts["ring"] = ViewGraphVectorEnv(
+        ring_graph(size=12).in_colour("rgb"), PRESETS["V4"], num_envs=1, frames=1
+    )
+    env = JointVectorEnv(parts)
+    env.begin(0)
+    assert env.observe()["crops"].shape == (2, 3, 12, 12)
     both = resolve(["env=modelnet,avd", "env.colour=rgb"])
     assert [world.colour for world in both.worlds.values()] == ["rgb", "rgb"]
 

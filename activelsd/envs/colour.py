@@ -25,10 +25,10 @@ def in_colour(picture: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(picture), code), np.uint8)
 
 
-def decoded_jpeg(data: bytes, colour: Colour) -> NDArray[np.uint8] | None:
-    """Returns a JPEG as (H, W) or (H, W, 3) RGB, as it is stored, not turned; None if it cannot be read.
+def decoded(data: bytes, colour: Colour) -> NDArray[np.uint8] | None:
+    """Returns a picture's file as (H, W) or (H, W, 3) RGB, not turned by its EXIF; None if it is damaged.
 
-    A JPEG holds its gray by the same weights apart from its colours, so gray is read and not computed.
+    A JPEG holds its gray, by the same weights, apart from its colours: there gray is read and not computed.
     """
     flags = cv2.IMREAD_COLOR if colour == "rgb" else cv2.IMREAD_GRAYSCALE
     try:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd.envs.colour import decoded_jpeg
+from activelsd.envs.colour import decoded
 from activelsd.envs.images import examine
 from activelsd.errors import DataError
 from activelsd.sections import Colour
@@ -24,7 +24,7 @@ def read_photograph(path: Path, colour: Colour = "gray") -> NDArray[np.uint8]:
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         data = path.read_bytes()
-        picture = decoded_jpeg(data, colour) if examine(data).whole else None
+        picture = decoded(data, colour) if examine(data).whole else None
     except OSError as error:
         raise DataError(f"{path} cannot be read ({error.strerror or error}); copy it again.") from None
     if picture is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from activelsd.envs.modelnet.settings import DatasetSettings
 from activelsd.envs.modelnet.sources import FILES, Item, MeshFiles, PictureFiles, PointFiles, Shapes, Source
 from activelsd.envs.modelnet.splits import FOLDERS, chosen, with_validation
 from activelsd.errors import ConfigError, DataError, did_you_mean
+from activelsd.sections import Colour
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +44,7 @@ class _Object(NamedTuple):
     rings: tuple[Ring, ...] = ()
 
 
-def open_dataset(settings: DatasetSettings) -> Dataset:
+def open_dataset(settings: DatasetSettings, colour: Colour = "gray") -> Dataset:
     """The objects at a path, or the embedded shapes if there is none.
 
     What is at the path is found by looking: a folder, or the zip of it, with meshes, point clouds, or
@@ -59,6 +60,8 @@ def open_dataset(settings: DatasetSettings) -> Dataset:
         return _dataset("shapes", "the embedded shapes", found, source, rule)
     files = open_files(path)
     found, file_source = _in_files(files, classes)
+    if isinstance(file_source, PictureFiles):  # all others draw in gray
+        file_source = replace(file_source, colour=colour)
     whole = path.resolve()
     return _dataset(readable(whole.stem), readable(str(whole)), found, file_source, rule)
 

@@ -17,6 +17,7 @@ from activelsd.envs.images import decode_pixels
 from activelsd.envs.modelnet.cameras import Camera
 from activelsd.envs.modelnet.series import Series, numbered, placed
 from activelsd.errors import DataError
+from activelsd.sections import Colour
 
 _PLACED = re.compile(r"(?:(?P<object>.+)[/._-])?e(?P<elevation>-?\d+(?:\.\d+)?)_a(?P<azimuth>\d+(?:\.\d+)?)")
 _NAME = re.compile(
@@ -129,13 +130,14 @@ def _in_order(views: Mapping[int | Camera, str], what: str) -> Series:
     return placed(cameras, what) if cameras else numbered(numbers, what)
 
 
-def decode(data: bytes, name: str, size: int) -> NDArray[np.uint8]:
-    """uint8 (size, size): a picture in gray, averaged over areas; what is transparent becomes white.
+def decode(data: bytes, name: str, size: int, colour: Colour = "gray") -> NDArray[np.uint8]:
+    """uint8 ([3,] size, size): a picture, averaged over areas; what is transparent becomes white.
 
     Raises:
         DataError: it is no whole picture in a format that is read (see `images`), or not square.
     """
-    import cv2  # not needed for meshes
+    from activelsd.envs.colour import in_colour  # OpenCV is not needed for meshes
+    from activelsd.envs.crops import squashed
 
     try:
         picture = decode_pixels(data)
@@ -147,5 +149,6 @@ def decode(data: bytes, name: str, size: int) -> NDArray[np.uint8]:
     if picture.ndim == 3 and picture.shape[2] == 4:
         opaque = picture[:, :, 3:].astype(np.float32) / 255
         picture = np.rint(picture[:, :, :3] * opaque + 255 * (1 - opaque)).astype(np.uint8)
-    gray = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-    return np.asarray(cv2.resize(gray, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
+    if picture.ndim == 3:
+        picture = picture[:, :, ::-1]
+    return squashed(in_colour(picture, colour), size)

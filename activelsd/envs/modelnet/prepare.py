@@ -107,7 +107,9 @@ def prepare(
     def make() -> None:
         _tell_differences(dataset, rigs)
         ends = np.cumsum([len(one.cameras) for one in rigs])
-        graph = _without_frames(dataset, rigs, size, ends)
+        coloured = isinstance(dataset.source, PictureFiles) and dataset.source.colour == "rgb"
+        picture = (3, size, size) if coloured else (size, size)
+        graph = _without_frames(dataset, rigs, picture, ends)
         only_read = isinstance(dataset.source, Shapes | PictureFiles)  # there is nothing to do before
         first = read_all if check and not only_read else None
         fill(path, graph, key, {"frames": ends}, rendered, names=names, check=first, progress=progress)
@@ -260,13 +262,15 @@ def _digest(value: object) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:20]
 
 
-def _without_frames(dataset: Dataset, rigs: Sequence[Rig], size: int, ends: NDArray[np.int64]) -> ViewGraph:
+def _without_frames(
+    dataset: Dataset, rigs: Sequence[Rig], picture: tuple[int, ...], ends: NDArray[np.int64]
+) -> ViewGraph:
     """The graph of a dataset's views; its frames are zeros that take no memory, its starts in one split.
 
     Args:
         dataset: the objects.
         rigs: the cameras of each.
-        size: side of the views in pixels.
+        picture: shape of a view.
         ends: the view that those of each object end before.
     """
     items, views = dataset.items, int(ends[-1])
@@ -276,7 +280,7 @@ def _without_frames(dataset: Dataset, rigs: Sequence[Rig], size: int, ends: NDAr
         for rig, end in zip(rigs, ends.tolist(), strict=True)
     ]
     return ViewGraph(
-        frames=np.broadcast_to(np.uint8(0), (views, size, size)),
+        frames=np.broadcast_to(np.uint8(0), (views, *picture)),
         moves=np.zeros((views, 0), np.int32),
         move_names=(),
         classes=dataset.classes,

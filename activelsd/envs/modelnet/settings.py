@@ -116,7 +116,7 @@ class ModelNetSettings(WorldSettings):
         from activelsd.envs.modelnet.orbit import move_tables, with_moves
         from activelsd.envs.modelnet.prepare import prepared_views, rigs_of
 
-        dataset, rig = open_dataset(self.dataset), self.rig()
+        dataset, rig = open_dataset(self.dataset, self.colour), self.rig()
         rigs = {item.name: own for item, own in zip(dataset.items, rigs_of(dataset, rig), strict=True)}
         # What does not fit is refused before minutes of rendering.
         move_tables([name for _, name in self.named_moves()], list(rigs.values()))

@@ -22,6 +22,7 @@ from activelsd.envs.modelnet.readers import read_mesh
 from activelsd.envs.workers import Work
 from activelsd.errors import DataError
 from activelsd.scenery.meshes import Mesh
+from activelsd.sections import Colour
 
 _FOLDERS = ("train", "test")
 """Of embedded shapes; their order is part of the seeds."""
@@ -43,7 +44,11 @@ class Source(Protocol):
     """Gives the views of the items of one dataset."""
 
     def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
-        """uint8 (V, size, size) from every camera. Raises DataError that names what broke."""
+        """uint8 (V, [3,] size, size) from every camera; in gray but for colour pictures.
+
+        Raises:
+            DataError: with the name of what is broken.
+        """
         ...
 
     def check(self, item: Item) -> None:
@@ -115,22 +120,25 @@ class PointFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class PictureFiles:
-    """Views rendered by others, in a folder or zip."""
+    """Views rendered or photographed by others, in a folder or zip."""
 
     files: Folder | Zip
+    colour: Colour = "gray"
 
     def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
         """See `Source`; the cameras are those they were taken with."""
         del cameras
-        pictures = [decode(self.files.read(path), self.files.where(path), size) for path in item.parts]
-        return np.stack(pictures)
+        return np.stack(
+            [decode(self.files.read(path), self.files.where(path), size, self.colour) for path in item.parts]
+        )
 
     def check(self, item: Item) -> None:
         """See `Source`; to read pictures is all there is to do with them."""
 
     def spec(self) -> dict[str, str | int]:
         """See `Source`."""
-        return {"kind": "pictures", "path": str(self.files.root)}
+        own = {"colour": self.colour} if self.colour != "gray" else {}  # caches of gray views are older
+        return {"kind": "pictures", "path": str(self.files.root), **own}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,6 +176,8 @@ def source_from(spec: dict[str, str | int]) -> Source:
     if spec["kind"] == "shapes":
         return Shapes(seed=int(spec["seed"]))
     files = open_files(Path(str(spec["path"])))
+    if spec["kind"] == "pictures":
+        return PictureFiles(files=files, colour="rgb" if spec.get("colour") == "rgb" else "gray")
     return FILES[str(spec["kind"])](files=files)
 
 

@@ -43,10 +43,10 @@ def recorded_rooms(
 
 def _table(parts: Sequence[ViewGraph]) -> ViewGraph:
     """Recordings joined without reading their pictures."""
-    size = parts[0].size
-    graph = join([replace(one, frames=one.frames[:, :0, :0], crops=None) for one in parts])
+    picture = parts[0].frames.shape[1:]
+    graph = join([replace(one, frames=one.frames[..., :0, :0], crops=None) for one in parts])
     assert graph.boxes is not None
     frames, crops = (
-        np.broadcast_to(np.uint8(0), (rows, size, size)) for rows in (len(graph.moves), len(graph.boxes))
+        np.broadcast_to(np.uint8(0), (rows, *picture)) for rows in (len(graph.moves), len(graph.boxes))
     )
     return replace(graph, frames=frames, crops=crops)

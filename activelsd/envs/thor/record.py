@@ -18,6 +18,7 @@ from activelsd.envs.thor.room import Event, Scene, Sight, WalkableRoom, photogra
 from activelsd.envs.thor.settings import MOVES
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import DataError
+from activelsd.sections import Colour
 
 EASY, MODERATE, HARD = 1, 2, 3
 DIFFICULTIES = ("easy", "moderate", "hard")
@@ -39,26 +40,30 @@ _HIDDEN = 0.25
 class ViewMaker:
     """Makes the views of an agent from a simulator's answers."""
 
-    def __init__(self, size: int, field_of_view: float) -> None:
+    def __init__(self, size: int, field_of_view: float, colour: Colour = "gray") -> None:
         """Make frames and crops of `size` pixels; the camera sees so many degrees from top to bottom."""
-        self.size, self.field_of_view = size, field_of_view
+        self.size, self.field_of_view, self.colour = size, field_of_view, colour
+
+    def photograph(self, event: Event) -> NDArray[np.uint8]:
+        """What an event shows, uint8 (H, W) in gray or (H, W, 3) RGB."""
+        return photograph(event, self.colour)
 
     def view(self, event: Event, name: str) -> View:
         """What is seen of one object, by the simulator's name of it."""
-        picture, seen = photograph(event), sight(event, name)
+        picture, seen = self.photograph(event), sight(event, name)
+        frame = squashed(picture, self.size)
         if seen is None:
-            nothing = np.zeros((self.size, self.size), np.uint8)
-            return View(squashed(picture, self.size), np.zeros(5, np.float32), nothing)
+            return View(frame, np.zeros(5, np.float32), np.zeros_like(frame))
         target = np.append(fractions([seen], picture.shape)[0], np.float32(1))
-        return View(squashed(picture, self.size), target, self.crop(picture, seen))
+        return View(frame, target, self.crop(picture, seen))
 
     def crop(self, picture: NDArray[np.uint8], seen: Sight) -> NDArray[np.uint8]:
-        """uint8 (S, S) around an object, cut from a picture (H, W)."""
+        """uint8 ([3,] S, S) around an object, cut from a picture (H, W) or (H, W, 3)."""
         return cut_out(picture, np.array(seen.box, np.int32), self.size)
 
 
 def fractions(sights: Sequence[Sight], shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """(P, 4) cx, cy, w, h of boxes as fractions of a picture of shape (H, W)."""
+    """(P, 4) cx, cy, w, h of boxes as fractions of a picture of shape (H, W) or (H, W, 3)."""
     boxes = np.array([one.box for one in sights], np.float64).reshape(-1, 4)
     whole = np.array([shape[1], shape[0]])
     low, high = boxes[:, :2] / whole, boxes[:, 2:] / whole
@@ -131,8 +136,8 @@ class _Taken:
                 del self._frames[marks[0] :], self._pairs[marks[1] :]
                 del self._crops[marks[1] :], self._sights[marks[1] :], self._shown[marks[1] :]
                 return False
-            picture = photograph(event)
-            self._shape = picture.shape
+            picture = camera.photograph(event)
+            self._shape = picture.shape[:2]
             for number, target in enumerate(self._scene.targets):
                 seen = sight(event, target.id)
                 if seen is not None:
@@ -148,7 +153,7 @@ class _Taken:
 
     def graph(self, lattice: Lattice, classes: Sequence[str]) -> ViewGraph:
         """The graph of all views, on the lattice of the cells that were kept."""
-        scene, size = self._scene, self._camera.size
+        scene = self._scene
         pairs = np.array(self._pairs, np.int32).reshape(-1, 2)
         if not len(pairs):
             raise DataError(f"No view of {scene.name} shows an object that is asked for; leave it out.")
@@ -170,7 +175,7 @@ class _Taken:
             start_split=np.zeros(len(pairs), np.uint8),
             pair_of=pair_of,
             boxes=fractions(self._sights, self._shape),
-            crops=np.stack(self._crops).reshape(-1, size, size),
+            crops=np.stack(self._crops),
             difficulty_names=DIFFICULTIES,
             difficulty=difficulties(pixels, np.array(self._shown), pairs[:, 1]),
             pixels=pixels.astype(np.float32),
@@ -212,7 +217,7 @@ def _check(room: WalkableRoom, scene: Scene, graph: ViewGraph, camera: ViewMaker
     for view in np.random.default_rng(seed).choice(scene.lattice.views, count, replace=False).tolist():
         event = room.stand(scene.lattice.pose(view))
         if event is not None:
-            again = squashed(photograph(event), camera.size).astype(np.int16)
+            again = squashed(camera.photograph(event), camera.size).astype(np.int16)
             if np.abs(again - graph.frames[view]).mean() <= TOLERANCE:
                 continue
         raise DataError(

@@ -30,7 +30,7 @@ def walkable_room(world: THORSettings) -> WalkableRoom:
 
 def view_maker(world: THORSettings) -> ViewMaker:
     """What makes a world's views of what the simulator shows."""
-    return ViewMaker(world.size, world.field_of_view)
+    return ViewMaker(world.size, world.field_of_view, world.colour)
 
 
 class _Scene(NamedTuple):
@@ -70,6 +70,8 @@ def recordings(world: THORSettings, scenes: Sequence[str], progress: Progress | 
 def _scene(world: THORSettings, name: str) -> _Scene:
     key = {"scene": name, "code": code_digest(record.__module__), "build": build_of(world)}
     key |= world.model_dump(mode="json", include=set(_DECIDE))
+    if world.colour != "gray":  # keys of gray recordings are older than the setting
+        key["colour"] = world.colour
     path = cache_file(world.cache_folder, f"thor-{world.backend}-{name}", world.size, key)
     return _Scene(name, str(path), key)
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.colour import in_colour
 from activelsd.envs.thor.lattice import Lattice, Pose, lattice_of
 from activelsd.errors import DataError
+from activelsd.sections import Colour
 
 LANDING, TURN = 0.02, 0.5
 """Metres and degrees by which an agent may miss the pose that it was sent to."""
@@ -136,10 +137,9 @@ class WalkableRoom:
         return event if landed else None
 
 
-def photograph(event: Event) -> NDArray[np.uint8]:
-    """uint8 (H, W): what an event shows, in gray."""
-    frame = np.ascontiguousarray(event.frame)  # its rows may run backwards in memory
-    return np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8)
+def photograph(event: Event, colour: Colour) -> NDArray[np.uint8]:
+    """What an event shows, uint8 (H, W) in gray or (H, W, 3) RGB."""
+    return in_colour(np.ascontiguousarray(event.frame), colour)  # its rows may run backwards in memory
 
 
 def sight(event: Event, name: str) -> Sight | None:

@@ -12,6 +12,7 @@ import pytest
 
 from activelsd.envs.modelnet.cameras import Rings
 from activelsd.envs.modelnet.sources import MeshFiles, PictureFiles, Shapes, source_from
+from activelsd.envs.world import world_settings
 from activelsd.errors import ConfigError, DataError
 from tests.graphs import opened
 
@@ -182,6 +183,21 @@ def test_pictures_of_any_colour_depth(tmp_path):
     cv2.imwrite(str(deep), np.full((24, 24), 0x8000, np.uint16))
     cv2.imwrite(str(colour), np.full((24, 24, 3), (255, 0, 0), np.uint8))
     assert look(opened(root))[:3].mean((1, 2)).tolist() == [255, 128, 29]
+
+
+def test_pictures_in_colour(tmp_path):
+    root = draw_views(tmp_path / "data", "a")
+    red, clear, gray = (root / f"cup/train/a_train_{i:03d}.png" for i in (1, 2, 3))
+    cv2.imwrite(str(red), np.full((24, 24, 3), (10, 20, 200), np.uint8))
+    cv2.imwrite(str(clear), np.full((24, 24, 4), (0, 0, 255, 0), np.uint8))
+    cv2.imwrite(str(gray), np.full((24, 24), 77, np.uint8))
+    cache = tmp_path / "cache"
+    colour, plain = (
+        world_settings("modelnet", {"path": root, "size": 32, "cache": cache, "colour": c}).open()
+        for c in ("rgb", "gray")
+    )
+    assert colour.frames[:3, :, 0, 0].tolist() == [[200, 20, 10], [255] * 3, [77] * 3]
+    assert plain.frames[:3, 0, 0].tolist() == [73, 255, 77]
 
 
 def test_pictures_that_do_not_fit(tmp_path):

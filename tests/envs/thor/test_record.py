@@ -66,6 +66,24 @@ def test_every_view_is_what_the_simulator_shows_there(recorded: ViewGraph) -> No
             assert recorded.pixels[pair] == pytest.approx(mask.mean())
 
 
+def test_a_recording_in_colour_shows_what_the_simulator_does(recorded: ViewGraph) -> None:
+    camera = ViewMaker(16, 90.0, "rgb")
+    colour = record(walk(FakeSimulator()), "FloorPlan1", camera=camera, classes=CLASSES)
+    assert colour.crops is not None
+    assert recorded.crops is not None
+    assert colour.poses is not None
+    assert colour.crops.shape == (len(recorded.crops), 3, 16, 16)
+    room = walk(FakeSimulator())
+    room.enter("FloorPlan1")
+    event = room.stand(Pose.recorded(colour.poses[5]))
+    assert event is not None
+    for c in range(3):
+        channel = np.ascontiguousarray(event.frame[..., c])
+        np.testing.assert_array_equal(colour.frames[5, c], squashed(channel, 16))
+    boxes = (colour.boxes, recorded.boxes)
+    np.testing.assert_array_equal(*boxes)
+
+
 def test_a_cell_where_the_agent_lands_elsewhere_is_left_out() -> None:
     simulator = FakeSimulator(sealed=((1, 0),))
     graph = record(walk(simulator), "FloorPlan1", camera=CAMERA, classes=CLASSES)

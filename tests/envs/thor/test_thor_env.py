@@ -79,12 +79,16 @@ def world(cache: Path, simulators: list[FakeSimulator]) -> dict[str, Any]:
     return found
 
 
-def test_live_and_recorded_episodes_are_the_same_to_the_byte(world: dict[str, Any]) -> None:
-    live: ActiveVisionEnv = live_env(world, frames=2)
-    recorded = settings(world).env(frames=2)
+@pytest.mark.parametrize(("colour", "channels"), [("gray", 1), ("rgb", 3)])
+def test_live_and_recorded_episodes_are_the_same_to_the_byte(
+    world: dict[str, Any], colour: str, channels: int
+) -> None:
+    live: ActiveVisionEnv = live_env(world, frames=2, colour=colour)
+    recorded = settings(world, colour=colour).env(frames=2)
     rng = np.random.default_rng(0)
     one, told = live.reset(seed=3)
     other, _ = recorded.reset(options={"episode": told["episode_id"]})
+    assert one["frames"].shape == one["crops"].shape == (2 * channels, 32, 32)
     for _ in range(300):
         for name in one:
             np.testing.assert_array_equal(one[name], other[name])

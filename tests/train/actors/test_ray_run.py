@@ -20,7 +20,13 @@ from tests.train.actors.ray_pool import REASON
 from tests.train.actors.test_failures import alive
 
 WORDS = [
-    *("env=modelnet", "env.size=32", "env.dataset.classes=cup,sofa", "env.dataset.train_per_class=2"),
+    *(
+        "env=modelnet",
+        "env.colour=rgb",
+        "env.size=32",
+        "env.dataset.classes=cup,sofa",
+        "env.dataset.train_per_class=2",
+    ),
     *("env.dataset.test_per_class=1", "device=cpu", "policy.trunk.features=8", "train.loggers=[]"),
     *(
         "train.actors=ray",

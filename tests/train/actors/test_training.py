@@ -65,7 +65,13 @@ SHAPES = [
     *("env=modelnet", "env.dataset.classes=cup,sofa", "env.rules.wrong=-1"),
     *("env.dataset.train_per_class=2", "env.dataset.test_per_class=1"),
 ]
-HOMES = ["env=avd", "env.dataset.path=homes", "env.cache=cache", "env.navigate=rotate_cw,rotate_ccw"]
+HOMES = [
+    "env=avd",
+    "env.colour=rgb",
+    "env.dataset.path=homes",
+    "env.cache=cache",
+    "env.navigate=rotate_cw,rotate_ccw",
+]
 CREW = ["train.actors=ga3c", "train.ga3c.agents=2", "train.ga3c.envs_per_agent=2", "train.log_every=40"]
 
 
