@@ -1,6 +1,7 @@
 """Draws pictures of these pages.
 
 python docs/pictures.py shapes                    the embedded shapes, six views each
+python docs/pictures.py points                    embedded shapes as meshes, and as points drawn as discs
 python docs/pictures.py curves RUN [RUN ...]      metrics of runs during training
 """
 
@@ -15,6 +16,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from activelsd.envs.world import world_settings
+from activelsd.scenery.discs import disc_mesh
+from activelsd.scenery.orbit_renderer import render_views
+from activelsd.scenery.shapes import make_shape
 
 HERE = Path(__file__).parent / "pictures"
 CURVES = {
@@ -42,6 +46,33 @@ def shapes() -> Figure:
     return figure
 
 
+def points() -> Figure:
+    """An object of eight embedded classes in a column each: its mesh, and ever fewer points on it."""
+    categories = ("bench", "cup", "desk", "laptop", "piano", "sofa", "table", "vase")
+    rng = np.random.default_rng(0)
+    figure = Figure(figsize=(11, 6.1), dpi=90)
+    grid = figure.subplots(4, len(categories), gridspec_kw={"wspace": 0.02, "hspace": 0.02})
+    for column, category in zip(grid.T, categories, strict=True):
+        mesh = make_shape(category, np.random.default_rng(7))
+        a, b, c = mesh.vertices.astype(np.float64)[mesh.faces].transpose(1, 0, 2)
+        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        for axes, count in zip(column, (None, 2048, 1024, 512), strict=True):
+            drawn = mesh
+            if count is not None:
+                faces = rng.choice(len(areas), count, p=areas / areas.sum())
+                across, along = np.sort(rng.random((2, count, 1)), axis=0)
+                drawn = disc_mesh(across * a[faces] + (along - across) * b[faces] + (1 - along) * c[faces])
+            view = render_views(drawn, size=128, cameras=[(60, 30)])[0]
+            axes.imshow(view, cmap="gray", vmin=0, vmax=255)
+            axes.set(xticks=[], yticks=[])
+            axes.spines[:].set_visible(False)
+            if category == categories[0]:
+                axes.set_ylabel("mesh" if count is None else f"{count:,} points", fontsize=11)
+        column[0].set_title(category, fontsize=11, pad=2)
+    figure.subplots_adjust(0.03, 0.01, 0.99, 0.95)
+    return figure
+
+
 def curves(runs: list[Path]) -> Figure:
     """The metrics of runs against environment steps."""
     figure = Figure(figsize=(11, 5.6), dpi=90, layout="constrained")
@@ -62,10 +93,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("picture", choices=("shapes", "curves"))
+    parser.add_argument("picture", choices=("shapes", "points", "curves"))
     parser.add_argument("runs", nargs="*", type=Path)
     options = parser.parse_args()
-    figure = shapes() if options.picture == "shapes" else curves(options.runs)
+    figure = {"shapes": shapes, "points": points, "curves": lambda: curves(options.runs)}[options.picture]()
     FigureCanvasAgg(figure)
     figure.savefig(HERE / f"{options.picture}.png")
 

@@ -46,20 +46,30 @@ def disc_mesh(points: NDArray[np.float64], normals: NDArray[np.float64] | None =
     Raises:
         DataError: there are too few points to fit planes to.
     """
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = (high - low).max() or 1.0
-    rounded = np.round((points - (low + (high - low) / 2)) / size, DECIMALS)
-    points, first = np.unique(rounded, axis=0, return_index=True)
-    if len(points) <= NEIGHBOURS:
-        raise DataError(
-            f"There are {len(points)} different points, and {NEIGHBOURS + 1} are needed to draw a surface;"
-            " leave it out."
-        )
+    points, first = distinct(points)
     distances, near = cKDTree(points).query(points, NEIGHBOURS + 1)
     distances, near = distances[:, 1:], near[:, 1:]  # without the point itself
     radii = distances[:, RADIUS].mean(axis=1)
     radii = np.minimum(radii, LARGEST * np.median(radii))
     return _pentagons(points, _fitted(points, near) if normals is None else normals[first], radii)
+
+
+def distinct(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """The different points of a cloud, centred and 1 long, in order, and the first row (N,) of each.
+
+    Raises:
+        DataError: there are too few to fit planes to.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = (high - low).max() or 1.0
+    rounded = np.round((points - (low + (high - low) / 2)) / size, DECIMALS)
+    different, first = np.unique(rounded, axis=0, return_index=True)
+    if len(different) <= NEIGHBOURS:
+        raise DataError(
+            f"There are {len(different)} different points, and {NEIGHBOURS + 1} are needed to draw a surface;"
+            " leave it out."
+        )
+    return different, first
 
 
 def _fitted(points: NDArray[np.float64], near: NDArray[np.intp]) -> NDArray[np.float64]:

@@ -44,7 +44,7 @@ def class_names(layout: Layout) -> list[str]:
 
 
 def objects_only(files: Folder | Zip, layout: Layout, classes: Iterable[str]) -> dict[str, list[Entry]]:
-    """The meshes and pictures of some classes.
+    """The meshes, point clouds or pictures of some classes.
 
     Raises:
         DataError: a file may be an object, and would be overlooked.
@@ -53,6 +53,11 @@ def objects_only(files: Folder | Zip, layout: Layout, classes: Iterable[str]) ->
         category: [entry for entry in layout.classes[category] if not _is_note(entry.path)]
         for category in classes
     }
+    if not any(found.values()):  # then texts are no notes, but may be points
+        found = {
+            category: [e for e in layout.classes[category] if e.split and ending(e.path) == ".txt"]
+            for category in found
+        }
     meshes = {_unit(e) for own in found.values() for e in own if ending(e.path) in _TEXTURED}
     for category, own in found.items():
         if meshes:

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from activelsd.envs.images import ENDINGS
-from activelsd.envs.modelnet import pictures, points
+from activelsd.envs.modelnet import pictures, point_release, points
 from activelsd.envs.modelnet.cameras import Ring
 from activelsd.envs.modelnet.companions import class_names, ending, objects_only
 from activelsd.envs.modelnet.files import Folder, Zip, open_files, readable
@@ -48,7 +48,8 @@ def open_dataset(settings: DatasetSettings, colour: Colour = "gray") -> Dataset:
     """The objects at a path, or the embedded shapes if there is none.
 
     What is at the path is found by looking: a folder, or the zip of it, with meshes, point clouds, or
-    pictures of each object, see `layout.find_layout`. A class's own `val` folder is its validation split.
+    pictures of each object, see `layout.find_layout`, or a release of `point_release`.
+    A class's own `val` folder is its validation split.
 
     Raises:
         DataError: nothing is there, its layout is another, or a class has nothing to train or test on.
@@ -145,6 +146,11 @@ def _in_files(
     files: Folder | Zip, classes: Sequence[str] | None
 ) -> tuple[dict[str, list[_Object]], MeshFiles | PointFiles | PictureFiles]:
     """The objects of every class asked for, and what makes them."""
+    release = point_release.folder_of(files)
+    if release is not None:
+        rows = point_release.objects(files, release)
+        asked = _asked(tuple(rows), classes, files.where(""))
+        return {c: [_in_row(row) for row in rows[c]] for c in asked}, PointFiles(files=files)
     layout = find_layout(files)
     entries = objects_only(files, layout, _asked(class_names(layout), classes, files.where("")))
     kind = _kind(files, [entry for own in entries.values() for entry in own])
@@ -161,17 +167,26 @@ def _in_files(
 def kind_at(path: Path) -> str:
     """What lies at a path: `meshes`, `points` or `pictures`. Raises DataError as `open_dataset` does."""
     files = open_files(path)
+    if point_release.folder_of(files) is not None:
+        return "points"
     layout = find_layout(files)
     return _kind(files, [e for own in objects_only(files, layout, class_names(layout)).values() for e in own])
 
 
 def _kind(files: Folder | Zip, entries: Sequence[Entry]) -> str:
     """What files are; `meshes` if there are none. Raises DataError if they are not of one kind."""
-    found: dict[str, str] = {}
+    examples: dict[str, str] = {}
     for entry in entries:
-        suffix = ending(entry.path)
-        kind = "pictures" if suffix in ENDINGS else "points" if suffix in points.ENDINGS else "meshes"
-        found.setdefault(kind, files.where(entry.path))
+        examples.setdefault(ending(entry.path), entry.path)
+    found: dict[str, str] = {}
+    for suffix, path in examples.items():
+        if suffix in ENDINGS:
+            kind = "pictures"
+        elif suffix == ".ply":
+            kind = "meshes" if points.has_faces(files.read(path)) else "points"
+        else:
+            kind = "points" if suffix in points.ENDINGS or suffix == ".txt" else "meshes"
+        found.setdefault(kind, files.where(path))
     if len(found) > 1:
         these = " and ".join(f"{kind} ({example})" for kind, example in sorted(found.items()))
         raise DataError(f"{files.where('')} holds {these} side by side; keep the one kind or the other.")
@@ -207,6 +222,10 @@ def _in_one_file(files: Folder | Zip, entries: Sequence[Entry]) -> list[_Object]
 def _stamp(files: Folder | Zip, entry: Entry) -> str:
     """The stamps of a file and of those that it refers to."""
     return " ".join([entry.stamp, *map(files.stamp, other_files(files, entry.path))])
+
+
+def _in_row(row: point_release.Row) -> _Object:
+    return _Object(row.category, row.split, readable(row.name), (row.path, f"{row.row:06d}"), row.stamp)
 
 
 def _name(entry: Entry) -> str:

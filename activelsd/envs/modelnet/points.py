@@ -1,19 +1,24 @@
-"""Point clouds from files: points on the surface of an object, with or without normals, in no order."""
+"""Reads point clouds: points on the surface of an object, in any order, with or without normals.
+
+Each format has a parser in `point_formats`. A file that would be read in part is refused.
+"""
 
 from __future__ import annotations
 
-import io
-import math
+import re
+from collections.abc import Callable, Mapping
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd.envs.modelnet.mesh_formats import ply
+from activelsd.envs.modelnet.point_formats import columns, npy, pcd, text
 from activelsd.errors import DataError
 
-ENDINGS = frozenset({".npy"})
-"""Endings of files that hold points."""
+ENDINGS = frozenset({".npy", ".pcd", ".pts", ".xyz"})
+"""Endings of files that hold points, whatever is beside them. A `.ply` may be a mesh, and a `.txt` notes."""
 
 UNIT = 0.01
 """How far from 1 the length of a normal may be."""
@@ -55,8 +60,14 @@ def from_table(table: NDArray[np.float64], name: str) -> Points:
         finite = np.isfinite(positions.astype(np.float32)).all(axis=1)  # what is too large is as bad
     if not finite.all():
         first = int(np.argmin(finite))
-        raise DataError(f"{name} has a point, number {first}, that is not finite; repair or remove it.")
+        raise DataError(f"{name} has a point, number {first}, that is not finite; remove such points.")
     return Points(positions, _normals(table[:, 3:6]))
+
+
+def has_faces(data: bytes) -> bool:
+    """Whether the header of a PLY file, which may be cut short behind it, says that it holds faces."""
+    header = data.partition(b"end_header")[0]
+    return re.search(rb"^\s*element\s+(?:face|tristrips)\s+0*[1-9]", header, re.MULTILINE) is not None
 
 
 def _normals(columns: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -65,29 +76,22 @@ def _normals(columns: NDArray[np.float64]) -> NDArray[np.float64] | None:
         return None
     with np.errstate(all="ignore"):
         lengths = np.sqrt(np.square(columns).sum(axis=1, keepdims=True))
-    return columns / lengths if (np.abs(lengths - 1) <= UNIT).all() else None
+        return columns / lengths if (np.abs(lengths - 1) <= UNIT).all() else None
 
 
-def _from_npy(data: bytes, name: str) -> NDArray[np.float64]:
-    """Any array of numbers, by the header that NumPy's format gives its shape in."""
-    file = io.BytesIO(data)
-    try:
-        version = np.lib.format.read_magic(file)
-        header = (
-            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        )
-        shape, by_columns, dtype = header(file)
-    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError, UnicodeDecodeError):
-        raise DataError(f"{name} has no header of a .npy file; copy it again or remove it.") from None
-    if dtype.kind not in "fiu":
-        raise DataError(f"{name} holds values of type {dtype}, not numbers; save rows of x, y, z.")
-    wanted, found = math.prod(shape) * dtype.itemsize, len(data) - file.tell()
-    if found != wanted:
-        raise DataError(
-            f"{name} has {found} bytes of numbers where its header says {wanted}; copy it again or remove it."
-        )
-    table = np.frombuffer(data, dtype, offset=file.tell())
-    return table.reshape(shape, order="F" if by_columns else "C").astype(np.float64)
+def _from_ply(data: bytes, name: str) -> NDArray[np.float64]:
+    if has_faces(data):
+        raise DataError(f"{name} has faces, but other files here only have points; keep the one kind.")
+    vertices = ply.elements(data, name).get("vertex", {})
+    single = {label: own for label, own in vertices.items() if isinstance(own, np.ndarray)}
+    return columns.table(single, name)
 
 
-_READERS = {".npy": _from_npy}
+_READERS: Mapping[str, Callable[[bytes, str], NDArray[np.float64]]] = {
+    ".npy": npy.read,
+    ".pcd": pcd.read,
+    ".ply": _from_ply,
+    ".pts": text.read,
+    ".txt": text.read,
+    ".xyz": text.read,
+}

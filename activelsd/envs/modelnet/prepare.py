@@ -85,7 +85,8 @@ def prepare(
     def work(what: str, todo: list[int]) -> Generator[tuple[int, bytes], None, None]:
         """Results of a function of `sources` for objects; raises BrokenObjects at the end if any are."""
         count, broken = max(1, min(workers or cores(), len(todo) // _SHARE)), {}
-        items = ((i, asdict(dataset.items[i])) for i in todo)
+        in_order = sorted(todo, key=lambda i: dataset.items[i].parts)  # rows of one file are read fast
+        items = ((i, asdict(dataset.items[i])) for i in in_order)
         with closing(spread(f"{sources.__name__}:{what}", job, items, processes=count)) as results:
             for i, data in results:
                 if data[:1] == sources.BROKEN:

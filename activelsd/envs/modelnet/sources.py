@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from activelsd.envs.modelnet.cameras import Camera, Ring
 from activelsd.envs.modelnet.files import Folder, Zip, open_files
 from activelsd.envs.modelnet.pictures import decode
-from activelsd.envs.modelnet.points import decode_points
+from activelsd.envs.modelnet.point_release import points_at
+from activelsd.envs.modelnet.points import Points, decode_points
 from activelsd.envs.modelnet.readers import read_mesh
 from activelsd.envs.workers import Work
 from activelsd.errors import DataError
@@ -35,7 +36,7 @@ class Item:
     name: str  # CLASS/OBJECT, unique in its dataset
     category: str
     split: str  # train, val or test
-    parts: tuple[str, ...]  # what its source makes it of: a mesh's path, its pictures', or a number
+    parts: tuple[str, ...]  # what its source makes it of: paths of files, or a file and a number in it
     stamp: str  # changes when the files of its parts do
     rings: tuple[Ring, ...] = ()  # where its pictures were taken, if their names tell
 
@@ -98,20 +99,30 @@ class PointFiles:
         """The discs of an item. Raises DataError that names the file if it is broken."""
         from activelsd.scenery.discs import disc_mesh  # meshes and pictures do without it
 
-        (path,) = item.parts
-        name = self.files.where(path)
-        points = decode_points(self.files.read(path), name)
-        with _naming(name):
+        points = self._points(item)
+        with _naming(self._name(item)):
             return disc_mesh(points.positions, points.normals)
 
     def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
         """See `Source`."""
-        return _rendered(self.mesh(item), self.files.where(item.parts[0]), size, cameras)
+        return _rendered(self.mesh(item), self._name(item), size, cameras)
 
     def check(self, item: Item) -> None:
         """See `Source`."""
-        (path,) = item.parts
-        decode_points(self.files.read(path), self.files.where(path))
+        from activelsd.scenery.discs import distinct
+
+        points = self._points(item)
+        with _naming(self._name(item)):
+            distinct(points.positions)
+
+    def _points(self, item: Item) -> Points:
+        path, *row = item.parts
+        if row:
+            return points_at(self.files, path, int(row[0]))
+        return decode_points(self.files.read(path), self.files.where(path))
+
+    def _name(self, item: Item) -> str:
+        return self.files.where(" ".join(item.parts))
 
     def spec(self) -> dict[str, str | int]:
         """See `Source`."""

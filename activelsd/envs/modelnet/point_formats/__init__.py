@@ -1,0 +1,1 @@
+"""Parsers of files of points, a module for each format: each gives a table of numbers."""
