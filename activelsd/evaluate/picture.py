@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from activelsd.evaluate.compare import Comparison, Standing
 from activelsd.evaluate.filmstrips import FAINT, INK, RIGHT, WRONG, choose, draw_filmstrips, filmstrip
+from activelsd.evaluate.fonts import choose_fonts, names_to_draw
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +28,44 @@ OTHERS = ("#b0307a", "#7a5c00", "#3d6b21", "#4b4b9b")
 
 
 def draw(comparison: Comparison) -> bytes:
-    """Returns the picture as PNG, 1600 x 1000."""
+    """Returns the picture as PNG, 1600 x 1000; names that no installed font can show are numbered."""
+    from matplotlib import rc_context
+
+    players = [one.name for one in comparison.players]
+    answers = (
+        name for row in comparison.rows[comparison.reference.name] for name in (row.label, *row.answers)
+    )
+    classes = list(dict.fromkeys([*comparison.graph.classes, *answers]))
+    families, missing = choose_fonts([*classes, *players])
+    named = _renamed(
+        comparison,
+        names_to_draw(classes, missing, "class"),
+        names_to_draw(players, missing, "player"),
+    )
+    with rc_context({"font.family": families, "text.parse_math": False}):
+        return _draw(named)
+
+
+def _renamed(comparison: Comparison, classes: Mapping[str, str], players: Mapping[str, str]) -> Comparison:
+    """Returns the comparison with other names, as far as the picture needs it."""
+    reference = comparison.reference.name
+    rows = [
+        replace(
+            row,
+            label=classes[row.label],
+            answer=classes[row.answer],
+            answers=tuple(classes[name] for name in row.answers),
+        )
+        for row in comparison.rows[reference]
+    ]
+    return replace(
+        comparison,
+        players=[replace(one, name=players[one.name]) for one in comparison.players],
+        rows={players[reference]: rows},
+    )
+
+
+def _draw(comparison: Comparison) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -9,6 +9,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from activelsd.errors import ConfigError, DataError, RunError
 from activelsd.evaluate import result_files
 from activelsd.evaluate.compare import Comparison, Entrant, assemble, compare, measure
 from activelsd.evaluate.filmstrips import choose, filmstrip
+from activelsd.evaluate.fonts import choose_fonts
 from activelsd.evaluate.picture import draw
 from activelsd.evaluate.players import NoMove
 from activelsd.evaluate.protocol import EpisodeRow
@@ -429,3 +431,26 @@ def test_a_picture_is_drawn_of_whatever_was_played(views: int) -> None:
     rows = [row(views=views, path=("a0",) * views, answers=("night_stand_with_a_long_name",) * views)] * 3
     one = assemble({"trained": rows}, {"trained": views}, GRAPH, split="test", per_object=None, seed=0)
     assert draw(one).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_names_that_the_usual_font_lacks_are_drawn_by_another_or_numbered(
+    installed: bool, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Without a warning of Python's, which would fail the test; dollars are no formulas."""
+    monkeypatch.setattr("activelsd.evaluate.fonts._letters", lambda file: frozenset(map(chr, range(128))))
+    assert choose_fonts(["chair"]) == (["DejaVu Sans"], frozenset())
+    if installed:
+        have = {"Likely CJK": "\u6905\u5b50", "Another": "\u6905"}
+        fonts = [SimpleNamespace(name=name, fname=name) for name in ("Another", "Likely CJK")]
+        monkeypatch.setattr("matplotlib.font_manager.fontManager.ttflist", fonts)
+        monkeypatch.setattr(
+            "activelsd.evaluate.fonts._letters", lambda file: frozenset(have.get(file, "chair"))
+        )
+        assert choose_fonts(["\u6905\u5b50", "chair"]) == (["DejaVu Sans", "Likely CJK"], frozenset())
+        return
+    rows = [row(player="\u6211", views=2, path=("a0",) * 2, answers=("$\\x$", "\u6905\u5b50"))] * 2
+    one = assemble({"\u6211": rows}, {"\u6211": 2}, GRAPH, split="test", per_object=None, seed=0)
+    assert draw(one).startswith(b"\x89PNG")
+    assert "player 1 is \u6211" in caplog.text
+    assert f"class {len(GRAPH.classes) + 2} is \u6905\u5b50" in caplog.text

@@ -50,16 +50,20 @@ def read_instances(root: Path) -> dict[str, int]:
     """The data set's instances, name to id, sorted by id, without the background.
 
     Raises:
-        DataError: the map is missing, or a line is not `name id`.
+        DataError: the map is missing, a line is not `name id`, or two lines contradict each other.
     """
     file, ids = root / INSTANCES, dict[str, int]()
-    for line in _text(file).splitlines():
-        name, _, number = line.strip().rpartition(" ")
-        if not line.strip() or name.strip() == BACKGROUND:
+    for line in map(str.strip, _text(file).splitlines()):
+        name, number = (part.strip() for part in line.rpartition(" ")[::2])
+        if not line or name == BACKGROUND:
             continue
-        if not name.strip() or not number.isdecimal():
-            raise DataError(f"{file} needs lines like `name id`, not '{line.strip()[:40]}'; correct it.")
-        ids[name.strip()] = int(number)
+        if not name or not number.isdecimal():
+            raise DataError(f"{file} needs lines like `name id`, not '{line[:40]}'; correct it.")
+        if ids.get(name, int(number)) != int(number):
+            raise DataError(f"{file} gives '{name[:40]}' two ids; correct it.")
+        if int(number) in ids.values() and name not in ids:
+            raise DataError(f"{file} gives the id {number} twice, also to '{name[:40]}'; correct it.")
+        ids[name] = int(number)
     if not ids:
         raise DataError(f"{file} names no instance; copy it from the data set again.")
     return dict(sorted(ids.items(), key=lambda item: item[1]))

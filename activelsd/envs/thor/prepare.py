@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,6 +15,9 @@ from activelsd.envs.thor.scenes import scenes
 from activelsd.envs.thor.settings import THORSettings
 from activelsd.envs.thor.starts import starts
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, join, load_graph
+from activelsd.errors import DataError
+
+_LOG = logging.getLogger("activelsd")
 
 
 def recorded_rooms(
@@ -36,9 +40,22 @@ def recorded_rooms(
         for room in world.scenes.rooms
         for name in scenes((room,), split)[: getattr(world.scenes, split)]
     }
-    parts = [load_graph(file) for file in recordings(world, list(split_of), progress)]
+    recorded = [load_graph(file) for file in recordings(world, list(split_of), progress)]
+    parts = [one for one in recorded if one.targets]
+    _report_empty([one.scenes[0] for one in recorded if not one.targets], world.classes, parts)
     graph = starts(join(parts) if pictures else _table(parts), split_of, world.starts)
     return episodes(graph, world.starts.per_target, world.move_branches)
+
+
+def _report_empty(scenes: Sequence[str], classes: Sequence[str], others: Sequence[ViewGraph]) -> None:
+    """Log which scenes have nothing to ask for; raise DataError if there are no others."""
+    if not others:
+        raise DataError(
+            f"No scene has any of {', '.join(classes)}; name other types of objects as env.classes."
+        )
+    if scenes:
+        few = ", ".join(scenes[:3]) + (f" and {len(scenes) - 3} more" if len(scenes) > 3 else "")
+        _LOG.warning("Scenes without any of the objects that are asked for are left out: %s.", few)
 
 
 def _table(parts: Sequence[ViewGraph]) -> ViewGraph:

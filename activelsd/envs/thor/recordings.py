@@ -7,6 +7,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from activelsd.envs.cache import cache_file, make_once, writing
 from activelsd.envs.cores import cores
 from activelsd.envs.digest import code_digest
@@ -15,9 +17,9 @@ from activelsd.envs.thor.record import ViewMaker, record
 from activelsd.envs.thor.room import WalkableRoom
 from activelsd.envs.thor.settings import STANDIN, THORSettings
 from activelsd.envs.thor.simulators import build_of, start
-from activelsd.envs.viewgraph import read_key, save_graph
+from activelsd.envs.viewgraph import ViewGraph, read_key, save_graph
 from activelsd.envs.workers import Item, Work, spread
-from activelsd.errors import SimulatorLost
+from activelsd.errors import DataError, SimulatorLost
 
 _DECIDE = frozenset({"backend", "classes", "horizons", "size", "width", "height", "field_of_view", "step"})
 """Settings that pictures depend on; `build_of` says which executable makes them."""
@@ -41,6 +43,8 @@ class _Scene(NamedTuple):
 
 def recordings(world: THORSettings, scenes: Sequence[str], progress: Progress | None = None) -> list[Path]:
     """The files of scenes' recordings, in the order of the scenes; missing ones are made.
+
+    A scene without any of the objects that are asked for has a recording without targets.
 
     An interruption leaves whole scenes, and the next call goes on with the others.
 
@@ -76,6 +80,31 @@ def _scene(world: THORSettings, name: str) -> _Scene:
     return _Scene(name, str(path), key)
 
 
+def _recorded(room: WalkableRoom, name: str, world: THORSettings) -> ViewGraph:
+    """A scene's recording; one without views if the scene has none of the objects that are asked for."""
+    camera = view_maker(world)
+    try:
+        return record(room, name, camera=camera, classes=world.classes)
+    except DataError:
+        if room.enter(name).targets:
+            raise
+    nothing = np.zeros(0, np.int32)
+    return ViewGraph(
+        frames=np.zeros((0, world.size, world.size), np.uint8),
+        moves=np.zeros((0, 0), np.int32),
+        move_names=(),
+        classes=tuple(world.classes),
+        targets=(),
+        labels=np.zeros(0, np.int64),
+        scenes=(name,),
+        scene_of=nothing,
+        view_names=(),
+        start_view=nothing,
+        start_target=nothing,
+        start_split=np.zeros(0, np.uint8),
+    )
+
+
 @contextmanager
 def recorder(job: Mapping[str, Any]) -> Iterator[Work]:
     """Records scenes with one simulator, started when one has to be recorded; see `workers.spread`."""
@@ -90,7 +119,7 @@ def recorder(job: Mapping[str, Any]) -> Iterator[Work]:
                 rooms.append(walkable_room(world))
             while True:
                 try:
-                    graph = record(rooms[0], scene.name, camera=view_maker(world), classes=world.classes)
+                    graph = _recorded(rooms[0], scene.name, world)
                 except SimulatorLost:
                     continue  # the client starts another, and gives up with an error of its own
                 with writing(path.parent):

@@ -136,6 +136,15 @@ def test_the_map_of_instances_may_hold_blank_lines_and_leaves_the_background_out
     assert list(read_instances(tmp_path).items()) == [("a_b", 1), ("b_c", 2), ("d", 33)]
 
 
+@pytest.mark.parametrize(
+    ("text", "match"), [("a 1\nb 1", "the id 1 twice, also to 'b'"), ("a 1\na 2", "'a' two")]
+)
+def test_an_id_or_a_name_that_is_there_twice_is_refused(tmp_path: Path, text: str, match: str) -> None:
+    (tmp_path / "instance_id_map.txt").write_text("a 1\n" + text)
+    with pytest.raises(DataError, match=match):
+        read_instances(tmp_path)
+
+
 def change(folder: Path, **moves: str) -> None:
     file = folder / "annotations.json"
     content = json.loads(file.read_text())

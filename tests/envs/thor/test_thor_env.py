@@ -15,10 +15,11 @@ from activelsd.envs.base import ActiveVisionEnv
 from activelsd.envs.thor import recordings
 from activelsd.envs.thor.env import LiveTHOREnv
 from activelsd.envs.thor.prepare import recorded_rooms
+from activelsd.envs.thor.room import Scene, WalkableRoom
 from activelsd.envs.thor.settings import MOVES, THORSettings
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
 from activelsd.envs.world import world_settings
-from activelsd.errors import ConfigError
+from activelsd.errors import ConfigError, DataError
 from tests.envs.thor.simulator import FakeSimulator
 
 
@@ -231,3 +232,29 @@ def test_a_table_has_all_but_the_pictures(world: dict[str, Any]) -> None:
 def test_what_is_unknown_is_said(world: dict[str, Any], change: dict[str, Any], match: str) -> None:
     with pytest.raises(ConfigError, match=match):
         graph_of(world, **change)
+
+
+def test_scenes_with_nothing_to_ask_for_are_left_out_in_one_line(
+    world: dict[str, Any],
+    simulators: list[FakeSimulator],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """They are not entered again; where no scene has anything, that is an error."""
+    enter = WalkableRoom.enter
+
+    def entered(room: WalkableRoom, name: str) -> Scene:
+        scene = enter(room, name)
+        return scene._replace(targets=()) if name in ("FloorPlan2", "FloorPlan21") else scene
+
+    monkeypatch.setattr(WalkableRoom, "enter", entered)
+    more = {"train": 2, "classes": ("Apple", "Bowl")}
+    graph = graph_of(world, **more)
+    assert set(graph.scenes) == {"FloorPlan1", "FloorPlan26"}
+    simulators.clear()
+    graph_of(world, **more)
+    assert not simulators
+    line = "Scenes without any of the objects that are asked for are left out: FloorPlan2, FloorPlan21."
+    assert caplog.messages == [line, line]
+    with pytest.raises(DataError, match=r"No scene has any of Laptop, Toaster; name other types"):
+        graph_of(world, classes=("Toaster", "Laptop"))
