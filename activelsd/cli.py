@@ -104,6 +104,15 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(
                 "--dry-run", action="store_true", help="print every setting, explained, and stop"
             )
+        if name == "export":
+            sub.add_argument(
+                "--layout", choices=("mvcnn", "rotationnet"), default="mvcnn", help="whose naming"
+            )
+            sub.add_argument(
+                "--views", type=int, choices=(12, 20), help="a ring of 12, or a dodecahedron's 20 vertices"
+            )
+            sub.add_argument("--kind", choices=("shaded", "depth"), default="shaded", help="what they show")
+            sub.add_argument("--size", metavar="S", type=int, default=224, help="side in pixels; 224")
         if name in ("evaluate", "compare"):
             sub.add_argument(
                 "--out", metavar="DIR", type=Path, help="folder of the results; the (first) run's by default"
@@ -200,6 +209,47 @@ def _record(arguments: argparse.Namespace, words: list[str]) -> int:
                 f"env={name} has no simulator to record; its views are made by: activelsd prepare env={name}"
             )
     return _prepare(arguments, words)
+
+
+def _export(arguments: argparse.Namespace, words: list[str]) -> int:
+    from activelsd.compose import resolve
+
+    folders = [word for word in words if "=" not in word]
+    if len(folders) != 1:
+        raise UserError(
+            f"export needs the one folder to write to, and was given {' '.join(folders) or 'none'}; as in:"
+            " activelsd export env=modelnet pictures"
+        )
+    if not 32 <= arguments.size <= 1024:
+        raise UserError(f"--size {arguments.size}: must be from 32 to 1024.")
+    config = resolve([word for word in words if "=" in word])
+    from activelsd.envs.modelnet.settings import ModelNetSettings
+
+    world, *others = config.worlds.values()
+    if not isinstance(world, ModelNetSettings) or others:
+        raise UserError(f"export draws the objects of env=modelnet, not of env={','.join(config.worlds)}.")
+    for key in ("azimuths", "elevations", "cameras"):
+        if getattr(world, key) != type(world).model_fields[key].default:
+            raise UserError(f"export's cameras are those of --views; leave out env.{key}.")
+    from activelsd.console import progress
+    from activelsd.envs.modelnet.datasets import open_dataset
+    from activelsd.envs.modelnet.export import Form, export
+
+    views = arguments.views or (12 if arguments.layout == "mvcnn" else 20)
+    form = Form(layout=arguments.layout, views=views, kind=arguments.kind, size=arguments.size)
+    folder = Path(folders[0]).expanduser().absolute()
+    with progress("Exporting objects") as report:
+        done = export(
+            open_dataset(world.dataset),
+            folder,
+            form,
+            skip_broken=world.dataset.skip_broken,
+            progress=report,
+        )
+    print(f"{done.pictures} pictures of {done.objects} objects, {done.written} of them new, in {folder}")
+    cameras = " env.cameras=dodecahedron" if views == 20 else ""
+    print(f"Read by: env=modelnet env.dataset.path={folder}{cameras}")
+    return 0
 
 
 def _evaluate(arguments: argparse.Namespace, words: list[str]) -> int:
@@ -324,6 +374,12 @@ VERBS = {
         _record,
         "record env=thor [env.key=value …] [--dry-run]",
         "Walk a simulator's rooms once and keep all views",
+    ),
+    "export": Verb(
+        _export,
+        "export env=modelnet [env.dataset.key=value …] [--layout mvcnn|rotationnet] [--views 12|20]"
+        " [--kind shaded|depth] FOLDER",
+        "Write views as the picture folders of MVCNN or RotationNet",
     ),
     "envs": Verb(_envs, "envs", "List the worlds"),
     "doctor": Verb(_doctor, "doctor", "Report what this machine offers"),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any, Literal
 
 import numpy as np
 from embreex.rtcore_scene import EmbreeScene
@@ -29,6 +30,9 @@ SAMPLES = 2
 """Rays along each side of a pixel; their mean smooths the edges."""
 
 BACKGROUND = 255
+DEEPEST = 65535
+"""Of a depth where a ray hits nothing."""
+
 AMBIENT = 40.0
 LIGHTS = (  # direction towards the light as (right, up, towards the camera), and its strength
     (np.array((-0.50, 0.60, 0.62)), 175.0),
@@ -61,6 +65,31 @@ def render_views(mesh: Mesh, *, size: int, cameras: Sequence[tuple[float, float]
         for azimuth, elevation in cameras
     ]
     return np.stack(views)
+
+
+def render_depths(mesh: Mesh, *, size: int, cameras: Sequence[tuple[float, float]]) -> NDArray[np.uint16]:
+    """Depths of a mesh from every camera, with one ray through the middle of each pixel.
+
+    Args:
+        mesh: as `render_views`.
+        size: as `render_views`.
+        cameras: as `render_views`.
+
+    Returns:
+        uint16 (V, S, S): along the camera's axis, 0 where the unit sphere is nearest to the camera, 65534
+        where it is furthest, and 65535 where the ray hits nothing.
+
+    Raises:
+        DataError: as `render_views`.
+    """
+    corners = _normalised(mesh)
+    scene, points = scene_of(corners), corners.reshape(-1, 3)
+    depths = np.full((len(cameras), size, size), DEEPEST, np.uint16)
+    for picture, camera in zip(depths, cameras, strict=True):
+        rows, columns, distance = _cast(scene, points, _camera(*camera), size, "DISTANCE")
+        level = np.clip((distance - (DISTANCE - 1)) / 2, 0, 1) * (DEEPEST - 1)
+        picture[rows, columns] = np.where(distance < DISTANCE + 2, np.rint(level), DEEPEST)
+    return depths
 
 
 def check_mesh(mesh: Mesh) -> None:
@@ -105,19 +134,33 @@ def _look(
     size: int,
 ) -> NDArray[np.uint8]:
     """One picture (S, S). `anchors` (M, 3) holds a corner of each face, `points` (P, 3) all corners."""
-    rows, columns = _window(points, camera, size * SAMPLES)
-    step = 2 * FRAME_RADIUS / (size * SAMPLES)
-    x = (np.arange(size * SAMPLES)[columns] + 0.5) * step - FRAME_RADIUS
-    y = FRAME_RADIUS - (np.arange(size * SAMPLES)[rows] + 0.5) * step
+    rows, columns, face = _cast(scene, points, camera, size * SAMPLES, "INTERSECT")
+    fine = np.full((size * SAMPLES, size * SAMPLES), BACKGROUND, dtype=np.uint8)
+    fine[rows, columns] = _shades(anchors, normals, camera)[face]
+    return _mean_of_blocks(fine)
+
+
+def _cast(
+    scene: EmbreeScene,
+    points: NDArray[np.float64],
+    camera: NDArray[np.float64],
+    side: int,
+    query: Literal["INTERSECT", "DISTANCE"],
+) -> tuple[slice, slice, NDArray[Any]]:
+    """Rows and columns of the samples that rays are cast for, and what embree answers (h, w) for each.
+
+    A distance is along the camera's axis, since rays are as long as to reach the plane at distance 1.
+    """
+    rows, columns = _window(points, camera, side)
+    step = 2 * FRAME_RADIUS / side
+    x = (np.arange(side)[columns] + 0.5) * step - FRAME_RADIUS
+    y = FRAME_RADIUS - (np.arange(side)[rows] + 0.5) * step
     right, up, back = camera
     across, down = x[:, None] * right, y[:, None] * up - back
     rays = across.astype(np.float32)[None] + down.astype(np.float32)[:, None]
     origins = np.broadcast_to((back * DISTANCE).astype(np.float32), (len(y) * len(x), 3))
-    face = scene.run(origins, rays.reshape(-1, 3)).reshape(len(y), len(x))
-
-    fine = np.full((size * SAMPLES, size * SAMPLES), BACKGROUND, dtype=np.uint8)
-    fine[rows, columns] = _shades(anchors, normals, camera)[face]
-    return _mean_of_blocks(fine)
+    answers = scene.run(origins, rays.reshape(-1, 3), query=query).reshape(len(y), len(x))
+    return rows, columns, answers
 
 
 def _mean_of_blocks(fine: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -58,14 +58,20 @@ def without(dataset: Dataset, reasons: Mapping[int, str]) -> Dataset:
                     f"Class '{category}' of {dataset.origin['from']} has no {folder} objects but broken ones:"
                     f" mend some, or leave the class out by env.dataset.classes.\n{_listed(reasons.values())}"
                 )
-    _LOG.warning(
-        "%d of %d objects of %s are left out, since they are broken:\n%s",
-        len(reasons),
-        len(dataset.items),
-        dataset.origin["from"],
-        _listed(reasons.values()),
-    )
+    report_left_out(dataset, reasons)
     return replace(dataset, items=items)
+
+
+def report_left_out(dataset: Dataset, reasons: Mapping[int, str]) -> None:
+    """Names the objects that are left out on the screen, if there are any."""
+    if reasons:
+        _LOG.warning(
+            "%d of %d objects of %s are left out, since they are broken:\n%s",
+            len(reasons),
+            len(dataset.items),
+            dataset.origin["from"],
+            _listed(reasons.values()),
+        )
 
 
 def noted(file: Path) -> dict[str, str]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,15 @@ class Source(Protocol):
         ...
 
 
+@runtime_checkable
+class Drawn(Source, Protocol):
+    """A source whose views are drawn, from a mesh or from what stands for one."""
+
+    def mesh(self, item: Item) -> Mesh:
+        """What is drawn. Raises DataError that names the file if it is broken."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class MeshFiles:
     """Meshes of a folder or zip."""
@@ -81,7 +90,7 @@ class MeshFiles:
         from activelsd.scenery.orbit_renderer import check_mesh
 
         mesh = self.mesh(item)
-        with _naming(self.files.where(item.parts[0])):
+        with naming(self.files.where(item.parts[0])):
             check_mesh(mesh)
 
     def spec(self) -> dict[str, str | int]:
@@ -100,7 +109,7 @@ class PointFiles:
         from activelsd.scenery.discs import disc_mesh  # meshes and pictures do without it
 
         points = self._points(item)
-        with _naming(self._name(item)):
+        with naming(self._name(item)):
             return disc_mesh(points.positions, points.normals)
 
     def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
@@ -112,7 +121,7 @@ class PointFiles:
         from activelsd.scenery.discs import distinct
 
         points = self._points(item)
-        with _naming(self._name(item)):
+        with naming(self._name(item)):
             distinct(points.positions)
 
     def _points(self, item: Item) -> Points:
@@ -237,12 +246,12 @@ def _work(do: Callable[[Item], bytes]) -> Work:
 def _rendered(mesh: Mesh, name: str, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
     from activelsd.scenery.orbit_renderer import render_views  # embree is not needed for pictures
 
-    with _naming(name):
+    with naming(name):
         return render_views(mesh, size=size, cameras=cameras)
 
 
 @contextmanager
-def _naming(name: str) -> Iterator[None]:
+def naming(name: str) -> Iterator[None]:
     """Adds the name of the object to a DataError inside."""
     try:
         yield
