@@ -29,6 +29,9 @@ LARGEST = 1.6
 
 SIDES = 5
 
+_BLOCK = 1 << 15
+"""Points that planes are fitted to at a time: all neighbours of a large cloud need much memory."""
+
 DECIMALS = 9
 """Points that agree in so many decimals of the object's size are one."""
 
@@ -74,18 +77,35 @@ def distinct(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
 
 def _fitted(points: NDArray[np.float64], near: NDArray[np.intp]) -> NDArray[np.float64]:
     """Unit normals (N, 3) of planes through the neighbours `near` (N, K) of points (N, 3), smoothed."""
-    around = points[near]
+    blocks = [slice(at, at + _BLOCK) for at in range(0, len(points), _BLOCK)]
+    normals = np.concatenate([_planes(points[near[block]]) for block in blocks])
+    for _ in range(SMOOTHINGS):
+        normals = np.concatenate(
+            [
+                _smoothed(normals[block], normals[near[block]], points[near[block]] - points[block, None])
+                for block in blocks
+            ]
+        )
+    return normals
+
+
+def _planes(around: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit normals (N, 3) of planes through K points each (N, K, 3)."""
     offsets = around - around.mean(axis=1, keepdims=True)
     normals: NDArray[np.float64] = np.linalg.eigh(offsets.transpose(0, 2, 1) @ offsets)[1][:, :, 0]
-    lines = around - points[:, None]
-    limit = SAME_PLANE * np.sqrt(dot(lines, lines))
-    for _ in range(SMOOTHINGS):
-        own, others = normals[:, None], normals[near]
-        level = (np.abs(dot(lines, own)) <= limit) & (np.abs(dot(lines, others)) <= limit)
-        signs = np.where(level, np.where(dot(others, own) < 0, -1.0, 1.0), 0.0)
-        normals = normals + (signs[..., None] * others).sum(axis=1)
-        normals /= np.sqrt(dot(normals, normals))[:, None]
     return normals
+
+
+def _smoothed(
+    normals: NDArray[np.float64], others: NDArray[np.float64], lines: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Means (N, 3) of normals and those of neighbours (N, K, 3) in nearly the same plane, along `lines`."""
+    own, limit = normals[:, None], SAME_PLANE * np.sqrt(dot(lines, lines))
+    level = (np.abs(dot(lines, own)) <= limit) & (np.abs(dot(lines, others)) <= limit)
+    signs = np.where(level, np.where(dot(others, own) < 0, -1.0, 1.0), 0.0)
+    total = normals + (signs[..., None] * others).sum(axis=1)
+    unit: NDArray[np.float64] = total / np.sqrt(dot(total, total))[:, None]
+    return unit
 
 
 def _pentagons(points: NDArray[np.float64], normals: NDArray[np.float64], radii: NDArray[np.float64]) -> Mesh:

@@ -89,3 +89,10 @@ def test_flat_straight_and_too_few_points():
     for points in (flat[:12], np.ones((100, 3)), np.repeat(flat[:12], 20, 0)):
         with pytest.raises(DataError, match="different points, and 13 are needed"):
             disc_mesh(points)
+
+
+def test_a_large_cloud_is_drawn_in_blocks(monkeypatch):
+    points = box(500)
+    whole = disc_mesh(points)
+    monkeypatch.setattr("activelsd.scenery.discs._BLOCK", 64)
+    np.testing.assert_allclose(disc_mesh(points).vertices, whole.vertices, atol=1e-6)
