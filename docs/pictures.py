@@ -2,6 +2,7 @@
 
 python docs/pictures.py shapes                    the embedded shapes, six views each
 python docs/pictures.py points                    embedded shapes as meshes, and as points drawn as discs
+python docs/pictures.py axes                      which axis of a file points where
 python docs/pictures.py curves RUN [RUN ...]      metrics of runs during training
 """
 
@@ -17,7 +18,8 @@ from matplotlib.figure import Figure
 
 from activelsd.envs.world import world_settings
 from activelsd.scenery.discs import disc_mesh
-from activelsd.scenery.orbit_renderer import render_views
+from activelsd.scenery.meshes import upright
+from activelsd.scenery.orbit_renderer import DISTANCE, FRAME_RADIUS, render_views
 from activelsd.scenery.shapes import make_shape
 
 HERE = Path(__file__).parent / "pictures"
@@ -73,6 +75,41 @@ def points() -> Figure:
     return figure
 
 
+def axes_of_files() -> Figure:
+    """A chair from azimuth 60 and elevation 30, with the axes of files of which z, y or x is up."""
+    mesh, size = make_shape("sofa", np.random.default_rng(5)), 320
+    view = render_views(mesh, size=size, cameras=[(60, 30)])[0]
+    a, e = np.radians((60, 30))
+    right, up, back = (
+        np.array((-np.sin(a), np.cos(a), 0)),
+        np.array((-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e))),
+        np.array((np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e))),
+    )
+
+    def pixel(point: np.ndarray) -> np.ndarray:
+        scale = size / 2 / FRAME_RADIUS / (DISTANCE - point @ back)
+        return np.array((size / 2 + point @ right * scale, size / 2 - point @ up * scale))
+
+    figure = Figure(figsize=(11, 4), dpi=90)
+    titles = {
+        "z": "z up: all other formats",
+        "y": "y up: glTF, PointNet's HDF5",
+        "x": "x up: with env.dataset.up=x",
+    }
+    for panel, (axis, title) in zip(figure.subplots(1, 3), titles.items(), strict=True):
+        panel.imshow(view, cmap="gray", vmin=0, vmax=255)
+        for name, direction in zip("xyz", upright(np.eye(3), axis), strict=True):
+            end, label = pixel(0.95 * direction), pixel(1.08 * direction)
+            style = {"arrowstyle": "-|>", "color": "#cf222e", "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+            panel.annotate("", end, pixel(np.zeros(3)), arrowprops=style)
+            panel.text(*label, name, color="#cf222e", fontsize=13, ha="center", va="center")
+        panel.set_title(title, fontsize=11, loc="left", pad=2)
+        panel.set(xlim=(-20, size + 20), ylim=(size + 12, -12))
+        panel.set_axis_off()
+    figure.subplots_adjust(0.01, 0.01, 0.99, 0.94, wspace=0.02)
+    return figure
+
+
 def curves(runs: list[Path]) -> Figure:
     """The metrics of runs against environment steps."""
     figure = Figure(figsize=(11, 5.6), dpi=90, layout="constrained")
@@ -93,10 +130,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("picture", choices=("shapes", "points", "curves"))
+    parser.add_argument("picture", choices=("shapes", "points", "axes", "curves"))
     parser.add_argument("runs", nargs="*", type=Path)
     options = parser.parse_args()
-    figure = {"shapes": shapes, "points": points, "curves": lambda: curves(options.runs)}[options.picture]()
+    draw = {"shapes": shapes, "points": points, "axes": axes_of_files, "curves": lambda: curves(options.runs)}
+    figure = draw[options.picture]()
     FigureCanvasAgg(figure)
     figure.savefig(HERE / f"{options.picture}.png")
 

@@ -14,11 +14,12 @@ from activelsd.envs.modelnet.cameras import Ring
 from activelsd.envs.modelnet.companions import class_names, ending, objects_only
 from activelsd.envs.modelnet.files import Folder, Zip, open_files, readable
 from activelsd.envs.modelnet.layout import Entry, Layout, find_layout
-from activelsd.envs.modelnet.readers import check_format, other_files
+from activelsd.envs.modelnet.readers import check_format, other_files, says_up
 from activelsd.envs.modelnet.settings import DatasetSettings
 from activelsd.envs.modelnet.sources import FILES, Item, MeshFiles, PictureFiles, PointFiles, Shapes, Source
 from activelsd.envs.modelnet.splits import FOLDERS, chosen, with_validation
 from activelsd.errors import ConfigError, DataError, did_you_mean
+from activelsd.scenery.meshes import Axis
 from activelsd.sections import Colour
 
 
@@ -42,6 +43,7 @@ class _Object(NamedTuple):
     parts: tuple[str, ...]
     stamp: str
     rings: tuple[Ring, ...] = ()
+    up: Axis = "z"
 
 
 def open_dataset(settings: DatasetSettings, colour: Colour = "gray") -> Dataset:
@@ -53,14 +55,14 @@ def open_dataset(settings: DatasetSettings, colour: Colour = "gray") -> Dataset:
 
     Raises:
         DataError: nothing is there, its layout is another, or a class has nothing to train or test on.
-        ConfigError: a class is not known.
+        ConfigError: a class is not known, or pictures are to be turned.
     """
     path, classes, rule = settings.path, settings.classes, settings.split
     if path is None:
         found, source = _shapes(settings), Shapes(seed=settings.seed)
         return _dataset("shapes", "the embedded shapes", found, source, rule)
     files = open_files(path)
-    found, file_source = _in_files(files, classes)
+    found, file_source = _in_files(files, classes, None if settings.up == "auto" else settings.up)
     if isinstance(file_source, PictureFiles):  # all others draw in gray
         file_source = replace(file_source, colour=colour)
     whole = path.resolve()
@@ -95,6 +97,7 @@ def _dataset(
                         parts=one.parts,
                         stamp=one.stamp,
                         rings=one.rings,
+                        up=one.up,
                     )
                 )
     return Dataset(
@@ -143,25 +146,30 @@ def _shapes(settings: DatasetSettings) -> dict[str, list[_Object]]:
 
 
 def _in_files(
-    files: Folder | Zip, classes: Sequence[str] | None
+    files: Folder | Zip, classes: Sequence[str] | None, up: Axis | None
 ) -> tuple[dict[str, list[_Object]], MeshFiles | PointFiles | PictureFiles]:
     """The objects of every class asked for, and what makes them."""
     release = point_release.folder_of(files)
     if release is not None:
         rows = point_release.objects(files, release)
         asked = _asked(tuple(rows), classes, files.where(""))
-        return {c: [_in_row(row) for row in rows[c]] for c in asked}, PointFiles(files=files)
+        return {c: [_in_row(row, up) for row in rows[c]] for c in asked}, PointFiles(files=files)
     layout = find_layout(files)
     entries = objects_only(files, layout, _asked(class_names(layout), classes, files.where("")))
     kind = _kind(files, [entry for own in entries.values() for entry in own])
     source = FILES[kind](files=files)
     if kind == "pictures":
+        if up is not None:
+            raise ConfigError(
+                f"env.dataset.up turns meshes and points, but {files.where('')} holds pictures;"
+                " leave that setting out."
+            )
         return {c: _pictured(files, layout, c, own) for c, own in entries.items()}, source
     if kind == "meshes":
         examples = {ending(e.path): e.path for own in entries.values() for e in reversed(own)}
         for name, example in sorted(examples.items()):
             check_format(name, files.where(example))
-    return {c: _in_one_file(files, own) for c, own in entries.items()}, source
+    return {c: _in_one_file(files, own, up) for c, own in entries.items()}, source
 
 
 def kind_at(path: Path) -> str:
@@ -204,7 +212,7 @@ def _asked(known: Sequence[str], classes: Sequence[str] | None, origin: str) -> 
     return sorted(set(classes))
 
 
-def _in_one_file(files: Folder | Zip, entries: Sequence[Entry]) -> list[_Object]:
+def _in_one_file(files: Folder | Zip, entries: Sequence[Entry], up: Axis | None) -> list[_Object]:
     """An object for every file; one in a folder of its own has the folder's name."""
     found: dict[tuple[str, ...], Entry] = {}
     for entry in entries:
@@ -216,7 +224,17 @@ def _in_one_file(files: Folder | Zip, entries: Sequence[Entry]) -> list[_Object]
                 " of them, or put both where the folder is."
             )
         found[folder if entry.owner else (entry.path,)] = entry
-    return [_Object(e.category, str(e.split), _name(e), (e.path,), _stamp(files, e)) for e in found.values()]
+    return [
+        _Object(
+            category=entry.category,
+            split=str(entry.split),
+            name=_name(entry),
+            parts=(entry.path,),
+            stamp=_with_axis(_stamp(files, entry), up, says_up(entry.path)),
+            up=up or says_up(entry.path),
+        )
+        for entry in found.values()
+    ]
 
 
 def _stamp(files: Folder | Zip, entry: Entry) -> str:
@@ -224,8 +242,20 @@ def _stamp(files: Folder | Zip, entry: Entry) -> str:
     return " ".join([entry.stamp, *map(files.stamp, other_files(files, entry.path))])
 
 
-def _in_row(row: point_release.Row) -> _Object:
-    return _Object(row.category, row.split, readable(row.name), (row.path, f"{row.row:06d}"), row.stamp)
+def _with_axis(stamp: str, up: Axis | None, says: Axis) -> str:
+    """A stamp, with the axis that is to be up if files of its kind are seen otherwise."""
+    return stamp if up in (None, says) else f"{stamp} {up} up"
+
+
+def _in_row(row: point_release.Row, up: Axis | None) -> _Object:
+    return _Object(
+        category=row.category,
+        split=row.split,
+        name=readable(row.name),
+        parts=(row.path, f"{row.row:06d}"),
+        stamp=_with_axis(row.stamp, up, point_release.UP),
+        up=up or point_release.UP,
+    )
 
 
 def _name(entry: Entry) -> str:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from activelsd.envs.modelnet.files import Folder, Zip
 from activelsd.envs.modelnet.points import Points, from_table
 from activelsd.errors import DataError
+from activelsd.scenery.meshes import Axis
 
 if TYPE_CHECKING:  # other data sets do without it
     import h5py
@@ -28,6 +29,9 @@ if TYPE_CHECKING:  # other data sets do without it
 _LISTS = {"train": "train_files.txt", "test": "test_files.txt"}
 _CLASSES = "shape_names.txt"
 _ENDINGS = (".h5", ".hdf5")
+UP: Axis = "y"
+"""The axis that points up."""
+
 _CACHED = 1 << 24
 """Bytes of each part of a file that are kept unpacked, so that rows read in order are unpacked once."""
 
@@ -98,15 +102,14 @@ def objects(files: Folder | Zip, top: str) -> dict[str, list[Row]]:
 
 
 def points_at(files: Folder | Zip, path: str, row: int) -> Points:
-    """The point cloud in a row of an HDF5 file, turned so that z is up."""
+    """The point cloud in a row of an HDF5 file."""
     file = _opened(files, path).file
     name = f"{files.where(path)}, row {row},"
     try:
         columns = [file[part][row] for part in ("data", "normal") if part in file]
     except (OSError, RuntimeError, ValueError, KeyError) as error:
         raise DataError(f"{name} cannot be read ({_brief(error)}); download it again.") from None
-    upright = [own[:, [0, 2, 1]].astype(np.float64) * (1, -1, 1) for own in columns]
-    return from_table(np.concatenate(upright, axis=1), name)
+    return from_table(np.concatenate(columns, axis=1).astype(np.float64), name)
 
 
 class _Opened(NamedTuple):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from activelsd.envs.modelnet.mesh_formats import ply
 from activelsd.envs.modelnet.point_formats import columns, npy, pcd, text
 from activelsd.errors import DataError
+from activelsd.scenery.meshes import Axis, upright
 
 ENDINGS = frozenset({".npy", ".pcd", ".pts", ".xyz"})
 """Endings of files that hold points, whatever is beside them. A `.ply` may be a mesh, and a `.txt` notes."""
@@ -29,6 +30,11 @@ class Points(NamedTuple):
 
     positions: NDArray[np.float64]  # (N, 3) x, y, z
     normals: NDArray[np.float64] | None  # (N, 3) of unit length and either sign, where the file has them
+
+    def turned(self, up: Axis) -> Points:
+        """The same turned so that its axis `up` becomes z."""
+        normals = None if self.normals is None else upright(self.normals, up)
+        return Points(upright(self.positions, up), normals)
 
 
 def decode_points(data: bytes, name: str) -> Points:

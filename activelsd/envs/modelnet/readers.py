@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import PurePosixPath
-from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -18,9 +17,7 @@ from activelsd.envs.modelnet.mesh_formats import gltf, gltf_file, obj, off, ply,
 from activelsd.envs.modelnet.mesh_formats.polygons import triangles
 from activelsd.envs.modelnet.mesh_formats.surface import Surface
 from activelsd.errors import DataError
-from activelsd.scenery.meshes import Mesh
-
-Axis: TypeAlias = Literal["x", "y", "z"]
+from activelsd.scenery.meshes import Axis, Mesh, upright
 
 _PARSERS: dict[str, Callable[[bytes, str], Surface]] = {
     ".off": off.read,
@@ -113,12 +110,13 @@ def decode_mesh(
         raise DataError(
             f"{name} is {what} under the ending {ending}; put the mesh there or remove it."
         ) from None
-    return _turned(_checked(surface, name), up or says_up(ending))
+    mesh = _checked(surface, name)
+    return mesh._replace(vertices=upright(mesh.vertices, up or says_up(name)))
 
 
-def says_up(ending: str) -> Axis:
-    """The axis that points up by the format, or as in ModelNet where the format says nothing."""
-    return "y" if ending in _GLTF else "z"
+def says_up(path: str) -> Axis:
+    """The axis that points up by a file's format, or as in ModelNet if the format says nothing."""
+    return "y" if PurePosixPath(path).suffix.lower() in _GLTF else "z"
 
 
 def other_files(files: Folder | Zip, path: str) -> list[str]:
@@ -169,13 +167,3 @@ def _checked(surface: Surface, name: str) -> Mesh:
     faces = triangles(Surface(points, whole, sizes)).astype(np.int32)
     with np.errstate(over="ignore", invalid="ignore"):  # in vertices that no face uses
         return Mesh((points - (low + high) / 2 if far > _FAR * extent else points).astype(np.float32), faces)
-
-
-def _turned(mesh: Mesh, up: Axis) -> Mesh:
-    """The mesh turned by a quarter so that its axis `up` becomes z."""
-    x, y, z = mesh.vertices.T
-    if up == "y":
-        return mesh._replace(vertices=np.stack([x, -z, y], axis=1))
-    if up == "x":
-        return mesh._replace(vertices=np.stack([-z, y, x], axis=1))
-    return mesh

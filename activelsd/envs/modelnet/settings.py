@@ -30,6 +30,9 @@ class DatasetSettings(Section):
         "official", description="which objects train and test"
     )
     classes: tuple[str, ...] | None = Field(None, min_length=2, description="only these; null: every class")
+    up: Literal["auto", "x", "y", "z"] = Field(
+        "auto", description="axis of meshes and points that points up; auto: y for glTF, else z"
+    )
     skip_broken: bool = Field(False, description="leave out objects that cannot be read, and name them")
     train_per_class: int = Field(
         150, ge=2, description="embedded shapes: objects to train on, a tenth for val"

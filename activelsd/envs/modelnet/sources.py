@@ -22,7 +22,7 @@ from activelsd.envs.modelnet.points import Points, decode_points
 from activelsd.envs.modelnet.readers import read_mesh
 from activelsd.envs.workers import Work
 from activelsd.errors import DataError
-from activelsd.scenery.meshes import Mesh
+from activelsd.scenery.meshes import Axis, Mesh
 from activelsd.sections import Colour
 
 _FOLDERS = ("train", "test")
@@ -39,6 +39,7 @@ class Item:
     parts: tuple[str, ...]  # what its source makes it of: paths of files, or a file and a number in it
     stamp: str  # changes when the files of its parts do
     rings: tuple[Ring, ...] = ()  # where its pictures were taken, if their names tell
+    up: Axis = "z"  # which of its files' axes points up
 
 
 class Source(Protocol):
@@ -79,7 +80,7 @@ class MeshFiles:
     def mesh(self, item: Item) -> Mesh:
         """The mesh of an item. Raises DataError that names the file if it is broken."""
         (path,) = item.parts
-        return read_mesh(self.files, path)
+        return read_mesh(self.files, path, item.up)
 
     def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
         """See `Source`."""
@@ -127,8 +128,8 @@ class PointFiles:
     def _points(self, item: Item) -> Points:
         path, *row = item.parts
         if row:
-            return points_at(self.files, path, int(row[0]))
-        return decode_points(self.files.read(path), self.files.where(path))
+            return points_at(self.files, path, int(row[0])).turned(item.up)
+        return decode_points(self.files.read(path), self.files.where(path)).turned(item.up)
 
     def _name(self, item: Item) -> str:
         return self.files.where(" ".join(item.parts))

@@ -14,8 +14,9 @@ from activelsd.envs.modelnet.mesh_formats import gltf
 from activelsd.envs.modelnet.mesh_formats.polygons import triangles
 from activelsd.envs.modelnet.mesh_formats.surface import Surface
 from activelsd.envs.modelnet.readers import decode_mesh, other_files, read_mesh
-from activelsd.errors import DataError
+from activelsd.errors import ConfigError, DataError
 from tests.envs.modelnet import mesh_writers as write
+from tests.graphs import opened
 
 POINTS, POLYGONS = write.stool()
 WHOLE = decode_mesh(write.off(POINTS, POLYGONS), "a.off")
@@ -444,3 +445,62 @@ def test_forty_thousand_faces_of_any_format_in_an_instant():
         mesh = decode_mesh(data, name)
         assert time.process_time() - start < 0.4  # 0.08 s where nothing else runs
         assert len(mesh.faces) >= 2 * n
+
+
+@pytest.fixture
+def mixed(tmp_path):
+    """One object with each of its axes up in turn, as an OBJ, and y-up as a glTF and its .bin."""
+    x, y, z = POINTS.T
+    for axis, points in {"x": np.stack([z, y, -x], 1), "y": np.stack([x, z, -y], 1), "z": POINTS}.items():
+        for split in ("train", "test"):
+            path = tmp_path / f"objects/{axis}/{split}/{axis}_{split}.obj"
+            path.parent.mkdir(parents=True)
+            path.write_bytes(write.obj(points, POLYGONS))
+    for split in ("train", "test"):
+        lay_out_gltf(tmp_path / split, "a.bin", "cup/train/a.bin")
+        (tmp_path / split / "cup/train").rename(tmp_path / f"objects/z/{split}/more")
+        for file in (tmp_path / f"objects/z/{split}/more").iterdir():
+            file.rename(file.parents[1] / file.name)
+        (tmp_path / f"objects/z/{split}/more").rmdir()
+    return tmp_path / "objects"
+
+
+def named(root, **options):
+    return {item.name: item for item in opened(root, **options).items}
+
+
+def test_the_axis_that_points_up_is_the_formats_unless_it_is_said(mixed):
+    source = opened(mixed, up="auto").source
+    for axis, name in (
+        ("auto", "z/z_train"),
+        ("auto", "z/a"),
+        ("x", "x/x_train"),
+        ("y", "y/y_test"),
+        ("y", "z/a"),
+    ):
+        items = named(mixed, up=axis)
+        item = items.get(name) or items["z/train/a.gltf"]
+        np.testing.assert_allclose(corners(source.mesh(item)), corners(WHOLE), atol=1e-6)
+    lying = corners(source.mesh(named(mixed, up="z")["y/y_train"]))
+    assert np.abs(lying - corners(WHOLE)).max() > 1
+
+
+def test_views_stay_valid_where_the_axis_changes_nothing(mixed):
+    auto, said = named(mixed, up="auto"), {axis: named(mixed, up=axis) for axis in "xyz"}
+    for name, item in auto.items():
+        own = "y" if item.parts[0].endswith(".gltf") else "z"
+        assert {axis for axis in "xyz" if said[axis][name].stamp == item.stamp} == {own}
+    before = {name: item.stamp for name, item in auto.items()}
+    other = mixed / "z/train/a.bin"
+    other.write_bytes(other.read_bytes() + b"\0")
+    changed = {n for n, item in named(mixed, up="auto").items() if item.stamp != before[n]}
+    assert changed == {"z/train/a.gltf"}
+
+
+def test_pictures_are_not_turned(tmp_path):
+    for split in ("train", "test"):
+        (tmp_path / "cup" / split).mkdir(parents=True)
+        for i in range(12):
+            (tmp_path / "cup" / split / f"a{split}_{i + 1:03d}.png").write_bytes(b"")
+    with pytest.raises(ConfigError, match=r"env\.dataset\.up turns meshes and points, but .* holds pictures"):
+        opened(tmp_path, up="y")
