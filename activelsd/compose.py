@@ -104,6 +104,8 @@ def load(file: Path) -> RunConfig:
     if trunk != "compact" and "policy.trunk.kind" not in layers:  # AlexNet's width was never a setting
         layers.pop("policy.trunk.features", None)
     try:
+        if ENV_NAME in layers:  # a run that says nothing of colour is older than it
+            layers = _spread({f"{ENV}.colour": Setting("gray")}, _members(layers), layers) | layers
         return _build(_whole(layers))
     except ConfigError:
         check_parts(file.parent)

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
+from pydantic import Field
 
-from activelsd.compose import resolve
+from activelsd import cli, registry
+from activelsd.compose import load, resolve
 from activelsd.envs.actions import ActionTree
 from activelsd.envs.avd.prepare import prepare
 from activelsd.envs.colour import in_colour
@@ -19,15 +21,19 @@ from activelsd.envs.crops import cut_out, squashed
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
 from activelsd.envs.joint import JointVectorEnv
+from activelsd.envs.modelnet.settings import ModelNetSettings
 from activelsd.envs.soundness import check_graph
 from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph, load_graph, save_graph
 from activelsd.errors import ConfigError, DataError, RunError
 from activelsd.evaluate.filmstrips import filmstrip
 from activelsd.evaluate.walkers import Blocked
+from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import NetworkShape
 from activelsd.policy.transfer import transfer
+from activelsd.sections import Colour, dump
 from activelsd.train.augment import VARIATION_SIZE, Variation
+from activelsd.train.run import Run
 from activelsd.train.trainer import new_network
 from tests.envs.avd.homes import write_homes
 from tests.evaluate.worlds import row
@@ -247,3 +253,50 @@ def test_filmstrips_have_channels_last() -> None:
     strip = filmstrip(ROOM, one)
     assert np.array_equal(strip.frames[1].transpose(2, 0, 1), ROOM.frames[1])
     assert {crop.shape for crop in strip.crops} == {(12, 12, 3)}
+
+
+class Bright(ModelNetSettings):
+    """A world in colour unless gray is asked for."""
+
+    colour: Colour = Field("rgb", description="channels")
+
+
+@pytest.mark.parametrize("worlds", ["bright", "bright,avd"])
+def test_a_run_older_than_colour_stays_gray(
+    worlds: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(registry.worlds._added, "bright", Bright)
+    config = resolve([f"env={worlds}", "env.colour=rgb"])
+    file = tmp_path / "config.yaml"
+    file.write_text(dump(config))
+    assert load(file) == config
+    file.write_text("".join(line for line in dump(config).splitlines(True) if "colour:" not in line))
+    assert {world.colour for world in load(file).worlds.values()} == {"gray"}
+    assert Bright().colour == "rgb"
+
+
+def test_rings_of_photographs_in_colour_train_and_compare(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red and green things on rings of 16 and of 8, from pictures to a figure of episodes."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    for kind, paint in (("apple", (40, 132, 60)), ("cup", (40, 64, 194))):
+        for folder, count in (("train", 4), ("test", 2)):
+            for number in range(count):
+                name = f"{kind}_{folder}{number:02d}"
+                for view in range((16, 8)[number % 2]):
+                    picture = np.full((40, 40, 3), rng.integers(150, 200), np.uint8)
+                    picture[8:30, 4 + view : 20 + view] = paint
+                    file = tmp_path / "set" / kind / folder / f"{name}_{view + 1:03d}.png"
+                    file.parent.mkdir(parents=True, exist_ok=True)
+                    cv2.imwrite(str(file), picture)
+    world = ["env=modelnet", "env.dataset.path=set", "env.colour=rgb", "env.size=32", "env.cache=cache"]
+    small = ["policy.trunk.features=16", "train.envs=16", "train.steps=600", "threads=1", "train.loggers=[]"]
+    assert cli.main(["train", *world, *small, "train.evaluate_every=100000", "runs=runs"]) == 0
+    assert cli.main(["compare", "--baselines", "no_move"]) == 0
+    (run,) = Path("runs").iterdir()
+    assert load_network(Run(run).checkpoint).shape.channels == 3
+    figure = cv2.imread(str(run / "comparison.png"))
+    assert figure is not None
+    assert (np.abs(figure.astype(int) - (40, 64, 194)).max(2) < 3).sum() > 200, "its filmstrips have colours"
