@@ -125,7 +125,7 @@ def _opened(files: Folder | Zip, path: str) -> _Opened:
     where = files.where(path)
     try:
         source = files.root / path if isinstance(files, Folder) else io.BytesIO(files.read(path))
-        file = h5py.File(source, "r", rdcc_nbytes=_CACHED)
+        file = h5py.File(source, "r", locking=False, rdcc_nbytes=_CACHED)
         data, labels = file["data"], np.asarray(file["label"])
         shapes = [data.shape, *([file["normal"].shape] if "normal" in file else [])]
         kinds = data.dtype.kind + labels.dtype.kind
