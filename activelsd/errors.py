@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 
@@ -44,6 +44,13 @@ class SimulatorLost(ActiveLSDError):
 
 class SimulatorError(ActiveLSDError):
     """Raised when a simulator was lost so often that it is not started again."""
+
+
+def listed(sentences: Sequence[str], most: int = 20) -> str:
+    """A line for each of the first sentences, and one for how many more there are."""
+    lines = [f"  {sentence}" for sentence in sentences[:most]]
+    more = len(sentences) - len(lines)
+    return "\n".join([*lines, f"  and {more} more"] if more else lines)
 
 
 def did_you_mean(word: str, known: Iterable[str], otherwise: str | None = None) -> str:

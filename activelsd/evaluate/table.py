@@ -99,6 +99,8 @@ def notes(comparison: Comparison) -> Iterator[str]:
     places = {(one.world, one.backend) for one in comparison.players}
     for world, backend in sorted(places):
         yield f"World {world}, pictures by {backend}." if backend != world else f"World {world}."
+    if left_out := comparison.graph.left_out:
+        yield f"Left out as broken: {len(left_out)} objects of all splits, named in the JSON file."
     if comparison.changed:
         changes = (f"{key}={'null' if x is None else x}" for key, x in comparison.changed.items())
         yield f"Changed since training: {', '.join(changes)}."

@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from activelsd.envs.modelnet.datasets import Dataset
 from activelsd.envs.modelnet.splits import FOLDERS
-from activelsd.errors import DataError
+from activelsd.errors import DataError, listed
+
+if TYPE_CHECKING:
+    from activelsd.envs.modelnet.datasets import Dataset
 
 _LOG = logging.getLogger("activelsd")
-
-_NAMED = 20
-"""Broken objects that a message names; it counts the others."""
 
 
 class BrokenObjects(DataError):
@@ -31,14 +31,13 @@ class BrokenObjects(DataError):
 
     def __init__(self, dataset: Dataset, reasons: Mapping[int, str]) -> None:
         self.reasons = dict(sorted(reasons.items()))
-        what = f"{len(reasons)} objects of {dataset.origin['from']} are broken"
-        super().__init__(
-            f"{_reason(next(iter(self.reasons.values())))}; mend or remove it, or leave it out by"
-            " env.dataset.skip_broken=true."
-            if len(reasons) == 1
-            else f"{what}; mend or remove them, or leave them out by env.dataset.skip_broken=true:"
-            f"\n{_listed(self.reasons.values())}"
-        )
+        sentences = list(self.reasons.values())
+        skip = "by env.dataset.skip_broken=true"
+        what = f"{len(sentences)} objects of {dataset.origin['from']} are broken"
+        if len(sentences) == 1:
+            super().__init__(f"{sentences[0].rstrip('.')}, or leave it out {skip}.")
+        else:
+            super().__init__(f"{what}; mend or remove them, or leave them out {skip}:\n{listed(sentences)}")
 
 
 def without(dataset: Dataset, reasons: Mapping[int, str]) -> Dataset:
@@ -56,7 +55,8 @@ def without(dataset: Dataset, reasons: Mapping[int, str]) -> Dataset:
             if (category, folder) not in left:
                 raise DataError(
                     f"Class '{category}' of {dataset.origin['from']} has no {folder} objects but broken ones:"
-                    f" mend some, or leave the class out by env.dataset.classes.\n{_listed(reasons.values())}"
+                    " mend some, or leave the class out by env.dataset.classes:\n"
+                    + listed(list(reasons.values()))
                 )
     report_left_out(dataset, reasons)
     return replace(dataset, items=items)
@@ -70,7 +70,7 @@ def report_left_out(dataset: Dataset, reasons: Mapping[int, str]) -> None:
             len(reasons),
             len(dataset.items),
             dataset.origin["from"],
-            _listed(reasons.values()),
+            listed(list(reasons.values())),
         )
 
 
@@ -87,15 +87,3 @@ def note(file: Path, names: Sequence[str], reasons: Mapping[int, str]) -> None:
     temporary = file.with_name(file.name + ".tmp")
     temporary.write_text(text + "\n", "utf-8")
     temporary.replace(file)
-
-
-def _listed(reasons: Collection[str]) -> str:
-    """A line for each of the first reasons, and one for how many more there are."""
-    lines = [f"  {_reason(reason)}" for reason in list(reasons)[:_NAMED]]
-    more = len(reasons) - len(lines)
-    return "\n".join([*lines, f"  and {more} more"] if more else lines)
-
-
-def _reason(sentence: str) -> str:
-    """What is wrong, without the advice that follows a semicolon."""
-    return sentence.rpartition("; ")[0] or sentence.rstrip(".")

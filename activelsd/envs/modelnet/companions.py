@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from collections.abc import Set as AbstractSet
 from pathlib import PurePosixPath
 
 from activelsd.envs.images import ENDINGS, FOREIGN_ENDINGS
 from activelsd.envs.modelnet.files import ARCHIVES, Folder, Zip
 from activelsd.envs.modelnet.layout import TEXTURES, Entry, Layout
-from activelsd.errors import DataError
+from activelsd.errors import DataError, listed
 
 _ENDINGS = frozenset(
     {".mtl", ".bin", ".binvox", ".txt", ".md", ".rst", ".json", ".csv", ".tsv", ".xml", ".yaml", ".yml"}
@@ -59,18 +59,24 @@ def objects_only(files: Folder | Zip, layout: Layout, classes: Iterable[str]) ->
             for category in found
         }
     meshes = {_unit(e) for own in found.values() for e in own if ending(e.path) in _TEXTURED}
-    for category, own in found.items():
-        if meshes:
-            found[category] = [entry for entry in own if not _is_texture(entry, meshes)]
-        for entry in found[category]:
-            _check(files, layout, entry)
+    if meshes:
+        found = {name: [e for e in own if not _is_texture(e, meshes)] for name, own in found.items()}
+    entries = [entry for own in found.values() for entry in own]
+    wrong = [*filter(None, (_wrong(files, layout, e) for e in entries)), *_strays(files, layout)]
+    if len(wrong) == 1:
+        raise DataError(wrong[0])
+    if wrong:
+        what = f"{len(wrong)} files of {files.where('')} are no objects, and might hold some"
+        raise DataError(f"{what}; mend, move or remove them:\n{listed(wrong)}")
+    return found
+
+
+def _strays(files: Folder | Zip, layout: Layout) -> Iterator[str]:
+    """What is wrong with files outside all class folders that may be objects."""
+    there = f"{'train/CLASS' if layout.split_first else 'CLASS/train'} of {files.where(layout.top)}"
     for path, _ in layout.outside:
         if not (_is_note(path) or ending(path) in _ALL_PICTURES | ARCHIVES | {""}):
-            there = f"{'train/CLASS' if layout.split_first else 'CLASS/train'} of {files.where(layout.top)}"
-            raise DataError(
-                f"{files.where(path)} would be overlooked, as objects stand in {there}; move or remove it."
-            )
-    return found
+            yield f"{files.where(path)} would be overlooked, as objects stand in {there}; move or remove it."
 
 
 def _is_note(path: str) -> bool:
@@ -90,17 +96,16 @@ def _unit(entry: Entry) -> tuple[object, ...]:
     return (entry.category, entry.split, entry.owner[:1])
 
 
-def _check(files: Folder | Zip, layout: Layout, entry: Entry) -> None:
-    """Refuse a file that is no object, or stands where none is looked for, by its own name."""
+def _wrong(files: Folder | Zip, layout: Layout, entry: Entry) -> str | None:
+    """What is wrong with a file that is no object, or stands where none is looked for."""
     name, kind = files.where(entry.path), ending(entry.path)
     if kind in ARCHIVES:
-        raise DataError(f"{name} is packed, and what is in it would be overlooked; unpack or remove it.")
+        return f"{name} is packed, and what is in it would be overlooked; unpack or remove it."
     if not kind:
-        raise DataError(f"{name} has no ending that tells its format; name it by its format or remove it.")
+        return f"{name} has no ending that tells its format; name it by its format or remove it."
     if kind in FOREIGN_ENDINGS:
-        raise DataError(f"{name} is a picture in a format that is not read; convert it to PNG or remove it.")
+        return f"{name} is a picture in a format that is not read; convert it to PNG or remove it."
     if entry.split is None:
-        places = [layout.place(entry.category, split) for split in ("train", "test")]
-        raise DataError(
-            f"{name} would be overlooked, as it does not stand in {' or '.join(places)}; move or remove it."
-        )
+        there = " or ".join(layout.place(entry.category, split) for split in ("train", "test"))
+        return f"{name} would be overlooked, as it does not stand in {there}; move or remove it."
+    return None

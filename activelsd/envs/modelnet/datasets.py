@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from activelsd.envs.images import ENDINGS
 from activelsd.envs.modelnet import pictures, point_release, points
+from activelsd.envs.modelnet.broken import BrokenObjects
 from activelsd.envs.modelnet.cameras import Ring
 from activelsd.envs.modelnet.companions import class_names, ending, objects_only
 from activelsd.envs.modelnet.files import Folder, Zip, open_files, readable
@@ -44,6 +45,7 @@ class _Object(NamedTuple):
     stamp: str
     rings: tuple[Ring, ...] = ()
     up: Axis = "z"
+    fault: str = ""
 
 
 def open_dataset(settings: DatasetSettings, colour: Colour = "gray") -> Dataset:
@@ -54,6 +56,7 @@ def open_dataset(settings: DatasetSettings, colour: Colour = "gray") -> Dataset:
     A class's own `val` folder is its validation split.
 
     Raises:
+        BrokenObjects: objects lack pictures, and are not to be skipped.
         DataError: nothing is there, its layout is another, or a class has nothing to train or test on.
         ConfigError: a class is not known, or pictures are to be turned.
     """
@@ -66,7 +69,11 @@ def open_dataset(settings: DatasetSettings, colour: Colour = "gray") -> Dataset:
     if isinstance(file_source, PictureFiles):  # all others draw in gray
         file_source = replace(file_source, colour=colour)
     whole = path.resolve()
-    return _dataset(readable(whole.stem), readable(str(whole)), found, file_source, rule)
+    dataset = _dataset(readable(whole.stem), readable(str(whole)), found, file_source, rule)
+    faults = {i: item.fault for i, item in enumerate(dataset.items) if item.fault}
+    if faults and not settings.skip_broken:
+        raise BrokenObjects(dataset, faults)
+    return dataset
 
 
 def _dataset(
@@ -98,6 +105,7 @@ def _dataset(
                         stamp=one.stamp,
                         rings=one.rings,
                         up=one.up,
+                        fault=one.fault,
                     )
                 )
     return Dataset(
@@ -272,6 +280,7 @@ def _pictured(files: Folder | Zip, layout: Layout, category: str, entries: Seque
             tuple(series.paths),
             " ".join(stamps[path] for path in series.paths),
             series.rings,
+            fault=series.fault,
         )
         for split in sorted({str(e.split) for e in entries})
         for name, series in pictures.grouped(

@@ -7,8 +7,9 @@ MVCNN (Su et al. 2015) first named them `NAME_000000001_001.jpg` to `_012.jpg`, 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePosixPath
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,15 @@ _NAME = re.compile(
     r"(?P<object>.+?)(?:\.(?:obj|off|ply|stl|glb))?(?:[._](?:shaded|depth))?[._-]+(?:view|v|r)?(?P<view>\d+)"
 )
 
+T = TypeVar("T")
+_Views = dict[int | Camera, str]
+"""Paths of an object's pictures by their number or camera."""
+
 
 def grouped(pictures: Sequence[tuple[str, Sequence[str]]], where: str) -> dict[str, Series]:
     """The pictures of every object in the order of their cameras, objects in order of names.
+
+    What is wrong with the pictures of one object, such as a view that is missing, is their `fault`.
 
     Args:
         pictures: path of every picture of one class and split, and the folders below theirs that it is in.
@@ -34,7 +41,7 @@ def grouped(pictures: Sequence[tuple[str, Sequence[str]]], where: str) -> dict[s
         where: name of the class's folder in messages.
 
     Raises:
-        DataError: a name has no number, a folder holds pictures of several objects, or a view is missing.
+        DataError: a name does not tell the object and the view.
     """
     own: dict[str, list[tuple[str, str]]] = {}  # path of each picture, and its name without the ending
     alone: dict[str, list[tuple[str, int | Camera]]] = {}  # path of each picture, and its number or place
@@ -49,22 +56,37 @@ def grouped(pictures: Sequence[tuple[str, Sequence[str]]], where: str) -> dict[s
                 f"{where}/{name.name} should end in a view's number, like cup_0001_001; rename it."
             )
         alone.setdefault(match["object"], []).append((path, _place(match)))
-    for folder, named in own.items():
+    for folder in own:
         if folder in alone:
             raise DataError(
                 f"{where} has a folder '{folder}' and pictures of that name beside it; keep one of the two."
             )
-        alone[folder] = _in_folder(named, f"{where}/{folder}")
-    objects: dict[str, dict[int | Camera, str]] = {}
-    for name_of, some in sorted(alone.items()):
-        views = objects.setdefault(name_of, {})
-        for path, place in some:
-            if place in views:
-                shown = place.name if isinstance(place, Camera) else place
-                raise DataError(f"{where} has view {shown} of '{name_of}' twice; remove one of the two.")
-            views[place] = path
-    _check_first(objects, where)
-    return {name_of: _in_order(views, f"'{name_of}' in {where}") for name_of, views in objects.items()}
+    views = {name: _or_error(_by_place, some, f"'{name}' in {where}") for name, some in alone.items()}
+    views |= {name: _or_error(_in_folder, some, f"{where}/{name}") for name, some in own.items()}
+    late = _late_beginnings({k: some for k, some in views.items() if not isinstance(some, DataError)}, where)
+    paths = {name: [path for path, _ in some] for name, some in alone.items()}
+    paths |= {name: [path for path, _ in some] for name, some in own.items()}
+    return {
+        name: _series(late.get(name, some), f"'{name}' in {where}", paths[name])
+        for name, some in sorted(views.items())
+    }
+
+
+def _or_error(read: Callable[[T, str], _Views], pictures: T, what: str) -> _Views | DataError:
+    try:
+        return read(pictures, what)
+    except DataError as error:
+        return error
+
+
+def _series(views: _Views | DataError, what: str, paths: list[str]) -> Series:
+    """An object's pictures in order, or, if they cannot be put in order, a series that says why."""
+    try:
+        if isinstance(views, DataError):
+            raise views
+        return _in_order(views, what)
+    except DataError as error:
+        return Series(paths, fault=str(error))
 
 
 def _place(match: re.Match[str]) -> int | Camera:
@@ -74,8 +96,19 @@ def _place(match: re.Match[str]) -> int | Camera:
     return int(match["view"])
 
 
-def _in_folder(named: Sequence[tuple[str, str]], where: str) -> list[tuple[str, int | Camera]]:
-    """The numbers or cameras of the pictures in an object's folder, whatever they are called.
+def _by_place(pictures: Sequence[tuple[str, int | Camera]], what: str) -> _Views:
+    """Paths by number or camera. Raises DataError if one is there twice."""
+    views: _Views = {}
+    for path, place in pictures:
+        if place in views:
+            shown = place.name if isinstance(place, Camera) else place
+            raise DataError(f"{what} has view {shown} twice; remove one of the two.")
+        views[place] = path
+    return views
+
+
+def _in_folder(named: Sequence[tuple[str, str]], where: str) -> _Views:
+    """Paths by number or camera of the pictures in an object's folder, whatever they are called.
 
     Args:
         named: path of each picture, and its name without the ending.
@@ -86,7 +119,8 @@ def _in_folder(named: Sequence[tuple[str, str]], where: str) -> list[tuple[str, 
     """
     matches = [_PLACED.fullmatch(name) for _, name in named]
     if all(matches):
-        return [(path, _place(match)) for (path, _), match in zip(named, matches, strict=True) if match]
+        pairs = [(path, _place(match)) for (path, _), match in zip(named, matches, strict=True) if match]
+        return _by_place(pairs, where)
     fields = [re.split(r"(\d+)", name) for _, name in named]
     for (path, _), one in zip(named, fields, strict=True):
         if len(one) == 1:
@@ -105,22 +139,24 @@ def _in_folder(named: Sequence[tuple[str, str]], where: str) -> list[tuple[str, 
             " e30_a090.png."
         )
     column = varying[0] if len(varying) else -1
-    return [(path, int(number)) for (path, _), number in zip(named, numbers[:, column], strict=True)]
+    counted = zip(named, numbers[:, column], strict=True)
+    return _by_place([(path, int(number)) for (path, _), number in counted], where)
 
 
-def _check_first(objects: Mapping[str, Mapping[int | Camera, str]], where: str) -> None:
-    """Raises DataError if an object begins at 1 and ends where others end that begin at 0."""
+def _late_beginnings(objects: Mapping[str, _Views], where: str) -> dict[str, DataError]:
+    """An error for every object that begins at 1 and ends where others end that begin at 0."""
     numbers = {name: [n for n in views if isinstance(n, int)] for name, views in objects.items()}
     spans = {name: (min(some), max(some)) for name, some in numbers.items() if some}
     ends = {last for first, last in spans.values() if first == 0}
-    for name, (first, last) in spans.items():
-        if first == 1 and last in ends:
-            raise DataError(
-                f"'{name}' in {where} lacks view 0, which others there have; add it or remove the object."
-            )
+    lacks = "lacks view 0, which others there have; add it or remove the object."
+    return {
+        name: DataError(f"'{name}' in {where} {lacks}")
+        for name, (first, last) in spans.items()
+        if first == 1 and last in ends
+    }
 
 
-def _in_order(views: Mapping[int | Camera, str], what: str) -> Series:
+def _in_order(views: _Views, what: str) -> Series:
     numbers = {place: path for place, path in views.items() if not isinstance(place, Camera)}
     cameras = {place: path for place, path in views.items() if isinstance(place, Camera)}
     if numbers and cameras:

@@ -205,11 +205,10 @@ def prepared_views(
     names = _frame_names(dataset, made_by)
     file = cache / f"broken-{_digest(names)}.json"
     known = noted(file)
-    reasons = {
-        i: reason
-        for i, name in enumerate(names)
-        if name in known and (reason := _breaks(dataset, dataset.items[i], size, rig))
-    }
+    reasons = {i: item.fault for i, item in enumerate(dataset.items) if item.fault}
+    again = [i for i, name in enumerate(names) if name in known and i not in reasons]
+    tried = {i: _breaks(dataset, dataset.items[i], size, rig) for i in again}
+    reasons = dict(sorted({**reasons, **{i: reason for i, reason in tried.items() if reason}}.items()))
     prepare_sound = partial(prepare, size=size, rig=rig, cache=cache, progress=progress)
     found, path = _without_broken(dataset, reasons, prepare_sound)
     if found != reasons:

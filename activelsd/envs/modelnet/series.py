@@ -16,6 +16,7 @@ class Series(NamedTuple):
 
     paths: list[str]
     rings: tuple[Ring, ...] = ()  # where they were taken; empty: their names do not tell
+    fault: str = ""  # why they cannot be put in order
 
 
 def numbered(views: Mapping[int, str], what: str) -> Series:

@@ -40,6 +40,7 @@ class Item:
     stamp: str  # changes when the files of its parts do
     rings: tuple[Ring, ...] = ()  # where its pictures were taken, if their names tell
     up: Axis = "z"  # which of its files' axes points up
+    fault: str = ""  # what is wrong with it already by the names of its files
 
 
 class Source(Protocol):
@@ -149,6 +150,8 @@ class PictureFiles:
     def views(self, item: Item, *, size: int, cameras: Sequence[Camera]) -> NDArray[np.uint8]:
         """See `Source`; the cameras are those they were taken with."""
         del cameras
+        if item.fault:
+            raise DataError(item.fault)
         return np.stack(
             [decode(self.files.read(path), self.files.where(path), size, self.colour) for path in item.parts]
         )

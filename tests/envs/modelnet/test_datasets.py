@@ -209,7 +209,7 @@ def test_pictures_that_do_not_fit(tmp_path):
         opened(root)
     root = draw_views(tmp_path / "c", "c")
     (root / "cup/train/c_train_v3.jpg").write_bytes(b"")
-    with pytest.raises(DataError, match="has view 3 of 'c_train' twice"):
+    with pytest.raises(DataError, match=r"'c_train' in .* has view 3 twice"):
         opened(root)
     root = draw_views(tmp_path / "d", "d")
     (root / "cup/train/front.png").write_bytes(b"")
@@ -464,7 +464,7 @@ def test_names_tell_elevation_and_azimuth(tmp_path, folder):
         (["a/066-027.png", "a/066-063.png", "a/090-000.png"], "differ in 2 numbers, as in 090-000.png;"),
         (["a/front.png", "a/back.png"], "should have a view's number"),
         (["a/1.png", "a_1.png"], "has a folder 'test_a' and pictures of that name beside it"),
-        (["a/1.png", "a/1.jpg"], "has view 1 of 'test_a' twice"),
+        (["a/1.png", "a/1.jpg"], "test_a has view 1 twice"),
         (
             ["a_0.png", "a_1.png", "a_2.png", "b_1.png", "b_2.png"],
             "'test_b' in .* lacks view 0, which others",
@@ -532,6 +532,15 @@ def test_files_that_may_hold_objects_are_named(meshes, stray, sentence):
     lay_out(meshes, [stray])
     with pytest.raises(DataError, match=f"{stray} {sentence}"):
         opened(meshes)
+
+
+def test_all_files_that_may_hold_objects_are_named_at_once(meshes):
+    lay_out(meshes, ["cup/train/mug", "cup/glass.off", "jug.off"])
+    with pytest.raises(DataError, match=r"3 files of .* are no objects, and might hold some; mend") as caught:
+        opened(meshes)
+    lines = str(caught.value).splitlines()[1:]
+    for line, name in zip(lines, ("cup/glass.off", "cup/train/mug", "jug.off"), strict=True):
+        assert line.startswith(f"  {meshes / name} ")
 
 
 def test_a_folder_of_nothing_but_the_zip(meshes, tmp_path):

@@ -179,7 +179,7 @@ def broken_set(root, at, counts=(("train", 20), ("test", 4))):
     return root, broken
 
 
-def test_broken_meshes_are_all_named_before_any_is_rendered(tmp_path, monkeypatch):
+def test_broken_meshes_are_all_named_before_any_is_rendered(tmp_path):
     root, broken = broken_set(tmp_path / "net", range(0, 44, 16), (("train", 40), ("test", 4)))
     checked, rendered = [], []
 
@@ -196,20 +196,22 @@ def test_broken_meshes_are_all_named_before_any_is_rendered(tmp_path, monkeypatc
         ) as caught:
             prepared(opened(root), tmp_path / "cache", workers=n, progress=Shown())
         lines = str(caught.value).splitlines()[1:]
-        assert lines == [f"  {path} ends after 1 of 4 vertices" for path in broken]
+        assert lines == [
+            f"  {path} ends after 1 of 4 vertices; copy it again or remove it." for path in broken
+        ]
         assert checked[-1] == ("Checking objects", 44, 44)
         assert not rendered
         assert not (tmp_path / "cache").exists()
-    monkeypatch.setattr("activelsd.envs.modelnet.broken._NAMED", 2)
-    with pytest.raises(BrokenObjects, match=r"vertices\n  and 1 more$"):
+    broken_set(tmp_path / "net", range(25), (("train", 40), ("test", 4)))
+    with pytest.raises(BrokenObjects, match=r"^25 objects (.|\n)*\n  and 5 more$"):
         prepared(opened(root), tmp_path / "cache")
 
 
 def test_one_broken_mesh_is_one_sentence(tmp_path):
     root, (broken,) = broken_set(tmp_path / "net", [3])
-    sentence = f"{broken} ends after 1 of 4 vertices; mend or remove it, or leave it out by"
     with pytest.raises(BrokenObjects) as caught:
         prepared(opened(root), tmp_path / "cache")
+    sentence = f"{broken} ends after 1 of 4 vertices; copy it again or remove it, or leave it out by"
     assert str(caught.value) == f"{sentence} env.dataset.skip_broken=true."
 
 
@@ -246,6 +248,24 @@ def test_broken_objects_are_left_out_if_asked_for(tmp_path, caplog, monkeypatch)
     more = views_without_broken(root, tmp_path / "cache", progress=lambda *step: counts.append(step))
     assert more.left_out == (f"cup/{second.stem}",)
     assert counts == [(22, 23), (23, 23)]
+
+
+def test_objects_that_lack_pictures_are_left_out_too(tmp_path):
+    root = tmp_path / "views"
+    for folder, name in (("train", "a"), ("train", "b"), ("train", "c"), ("test", "d")):
+        (root / "cup" / folder).mkdir(parents=True, exist_ok=True)
+        for i in range(6):
+            if (name, i) not in {("b", 2), ("c", 1)}:
+                cv2.imwrite(str(root / f"cup/{folder}/{name}_{i}.png"), np.full((24, 24), 40 * i, np.uint8))
+    with pytest.raises(
+        BrokenObjects, match=r"2 objects of (.|\n)*'b' in .* lacks view 2;(.|\n)*'c' .* view 1;"
+    ):
+        opened(root)
+    graph = prepared_views(
+        opened(root, skip_broken=True), size=SIZE, rig=RING, cache=tmp_path / "cache", skip_broken=True
+    )
+    assert graph.left_out == ("cup/b", "cup/c")
+    assert graph.targets == ("cup/a", "cup/d")
 
 
 def test_a_class_of_broken_objects_only_is_refused(tmp_path):
