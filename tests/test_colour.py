@@ -12,7 +12,7 @@ import torch
 from gymnasium.utils.env_checker import check_env
 from pydantic import Field
 
-from activelsd import cli, registry
+from activelsd import registry
 from activelsd.compose import load, resolve
 from activelsd.envs.actions import ActionTree
 from activelsd.envs.avd.prepare import prepare
@@ -28,12 +28,10 @@ from activelsd.envs.viewgraph import ViewGraph, load_graph, save_graph
 from activelsd.errors import ConfigError, DataError, RunError
 from activelsd.evaluate.filmstrips import filmstrip
 from activelsd.evaluate.walkers import Blocked
-from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import NetworkShape
 from activelsd.policy.transfer import transfer
 from activelsd.sections import Colour, dump
 from activelsd.train.augment import VARIATION_SIZE, Variation
-from activelsd.train.run import Run
 from activelsd.train.trainer import new_network
 from tests.envs.avd.homes import write_homes
 from tests.evaluate.worlds import row
@@ -273,30 +271,3 @@ def test_a_run_older_than_colour_stays_gray(
     file.write_text("".join(line for line in dump(config).splitlines(True) if "colour:" not in line))
     assert {world.colour for world in load(file).worlds.values()} == {"gray"}
     assert Bright().colour == "rgb"
-
-
-def test_rings_of_photographs_in_colour_train_and_compare(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Red and green things on rings of 16 and of 8, from pictures to a figure of episodes."""
-    monkeypatch.chdir(tmp_path)
-    rng = np.random.default_rng(0)
-    for kind, paint in (("apple", (40, 132, 60)), ("cup", (40, 64, 194))):
-        for folder, count in (("train", 4), ("test", 2)):
-            for number in range(count):
-                name = f"{kind}_{folder}{number:02d}"
-                for view in range((16, 8)[number % 2]):
-                    picture = np.full((40, 40, 3), rng.integers(150, 200), np.uint8)
-                    picture[8:30, 4 + view : 20 + view] = paint
-                    file = tmp_path / "set" / kind / folder / f"{name}_{view + 1:03d}.png"
-                    file.parent.mkdir(parents=True, exist_ok=True)
-                    cv2.imwrite(str(file), picture)
-    world = ["env=modelnet", "env.dataset.path=set", "env.colour=rgb", "env.size=32", "env.cache=cache"]
-    small = ["policy.trunk.features=16", "train.envs=16", "train.steps=600", "threads=1", "train.loggers=[]"]
-    assert cli.main(["train", *world, *small, "train.evaluate_every=100000", "runs=runs"]) == 0
-    assert cli.main(["compare", "--baselines", "no_move"]) == 0
-    (run,) = Path("runs").iterdir()
-    assert load_network(Run(run).checkpoint).shape.channels == 3
-    figure = cv2.imread(str(run / "comparison.png"))
-    assert figure is not None
-    assert (np.abs(figure.astype(int) - (40, 64, 194)).max(2) < 3).sum() > 200, "its filmstrips have colours"

@@ -206,12 +206,19 @@ def _places(dataset: Dataset) -> list[PurePosixPath]:
     places = []
     for item in dataset.items:
         split = "train" if item.split == "val" and held_out[item.category] else item.split
-        places.append(PurePosixPath(item.category, split, PurePosixPath(item.name).stem))
+        name = PurePosixPath(item.name)
+        # Objects of one name in several splits are called by their whole paths.
+        short = name.name if len(name.parts) == 2 else name.stem
+        places.append(PurePosixPath(item.category, split, short))
     names = Counter(places)
-    return [
-        place if names[place] == 1 else place.with_name(PurePosixPath(item.name).name.replace(".", "_"))
+    unique = [
+        place if names[place] == 1 else place.with_name("_".join(item.name.split("/")[1:]).replace(".", "_"))
         for place, item in zip(places, dataset.items, strict=True)
     ]
+    for place, times in Counter(unique).items():
+        if times > 1:
+            raise DataError(f"Two objects would be exported as {place}; rename one of them.")
+    return unique
 
 
 def _told(form: Form) -> dict[str, Any]:

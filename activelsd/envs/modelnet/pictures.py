@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from activelsd.envs.images import decode_pixels
 from activelsd.envs.modelnet.cameras import Camera
-from activelsd.envs.modelnet.series import Series, numbered, placed
+from activelsd.envs.modelnet.series import Series, numbered, placed, rings_of
 from activelsd.errors import DataError
 from activelsd.sections import Colour
 
@@ -115,7 +115,7 @@ def _in_folder(named: Sequence[tuple[str, str]], where: str) -> _Views:
         where: name of the folder in messages.
 
     Raises:
-        DataError: the names differ by more than one number, or have none.
+        DataError: the names have no number, or differ in several that are no elevation and azimuth.
     """
     matches = [_PLACED.fullmatch(name) for _, name in named]
     if all(matches):
@@ -132,6 +132,8 @@ def _in_folder(named: Sequence[tuple[str, str]], where: str) -> _Views:
             )
     numbers = np.array([[int(number) for number in one[1::2]] for one in fields], object)
     (varying,) = np.nonzero((numbers != numbers[0]).any(axis=0))
+    if len(varying) == 2 and (found := rings_of([(int(a), int(b)) for a, b in numbers[:, varying]])):
+        return _by_place([(path, camera) for (path, _), camera in zip(named, found, strict=True)], where)
     if len(varying) > 1:
         raise DataError(
             f"The pictures in {where} differ in {len(varying)} numbers, as in"

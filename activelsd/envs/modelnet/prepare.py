@@ -140,6 +140,8 @@ def rigs_of(dataset: Dataset, rig: Rig) -> list[Rig]:
 
 def _rig_of(item: Item, rig: Rig, root: Path) -> Rig:
     count = len(item.parts)
+    if item.fault:
+        return rig  # its pictures cannot be had, however many there are
     if isinstance(rig, Rings):
         (ring,), asked = rig.rings, rig.starts
         if asked not in (AZIMUTHS, count):

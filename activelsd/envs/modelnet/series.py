@@ -60,6 +60,28 @@ def placed(views: Mapping[Camera, str], what: str) -> Series:
     return Series(paths, tuple(rings))
 
 
+def rings_of(pairs: Sequence[tuple[int, int]]) -> list[Camera] | None:
+    """The cameras of pictures that are numbered by ring and place on it; None if these are no whole rings.
+
+    Places are degrees, evenly around, or numbers from 0 or 1. Rings are elevations in degrees, or angles from
+    the upright axis, as in ETH-80 (Leibe and Schiele 2003), if several cameras stand at 90 or more.
+    """
+    rings: dict[int, list[int]] = {}
+    for ring, place in sorted(pairs):
+        rings.setdefault(ring, []).append(place)
+    if max(rings) > 180:
+        return None
+    azimuths: dict[tuple[int, int], float] = {}
+    for ring, places in rings.items():
+        counted = places[0] in (0, 1) and places[-1] - places[0] == len(places) - 1
+        if len(set(places)) < len(places) or not (counted or _evenly_around(places)):
+            return None
+        for i, place in enumerate(places):
+            azimuths[ring, place] = i * 360 / len(places) if counted else place
+    from_axis = any(ring >= 90 and len(places) > 1 for ring, places in rings.items())
+    return [Camera(azimuths[pair], 90.0 - pair[0] if from_axis else pair[0]) for pair in pairs]
+
+
 def _evenly_around(degrees: Sequence[float]) -> bool:
     """Whether rising angles are a full circle in about equal steps, each off by an eighth at most."""
     step = 360 / len(degrees)

@@ -450,6 +450,22 @@ def test_names_tell_elevation_and_azimuth(tmp_path, folder):
     assert item.rings[1].azimuths[:2] == (10, 55)
 
 
+def test_two_numbers_are_a_ring_and_a_place(tmp_path):
+    """Angles from the axis as in ETH-80, elevations, and rings that are only counted."""
+    sixteen = (0, 22, 45, 68, 90, 112, 135, 158, 180, 202, 225, 248, 270, 292, 315, 338)
+    eight = (27, 63, 117, 153, 207, 243, 297, 333)
+    from_axis = [f"a/a1-090-{i:03d}.png" for i in sixteen] + [f"a/a1-066-{i:03d}.png" for i in eight]
+    (item, _) = opened(sided(tmp_path / "axis", [*from_axis, "a/a1-000-000.png"])).items
+    assert list(item.parts) == [f"cup/train/train_{name}" for name in [*from_axis, "a/a1-000-000.png"]]
+    assert [(ring.elevation, len(ring.azimuths)) for ring in item.rings] == [(0, 16), (24, 8), (90, 1)]
+    low, high = [f"a/10_{i}.png" for i in range(0, 360, 60)], [f"a/40_{i}.png" for i in range(0, 360, 90)]
+    (item, _) = opened(sided(tmp_path / "up", high + low)).items
+    assert [(ring.elevation, len(ring.azimuths)) for ring in item.rings] == [(10, 6), (40, 4)]
+    counted = [f"a/ring{r} view{i}.png" for r in (1, 2) for i in range(1, 7)]
+    (item, _) = opened(sided(tmp_path / "counted", counted)).items
+    assert [ring.azimuths for ring in item.rings] == [tuple(60.0 * i for i in range(6))] * 2
+
+
 @pytest.mark.parametrize(
     ("names", "sentence"),
     [
@@ -462,6 +478,7 @@ def test_names_tell_elevation_and_azimuth(tmp_path, folder):
         (["a/e0_a000.png", "a/e0_a090.png", "a/e0_a270.png"], "of 0 degrees, has views 0 to 270 but lacks"),
         (["a_e0_a000.png", "a_e0_a180.png", "a_001.png"], "tell elevation and azimuth, and others"),
         (["a/066-027.png", "a/066-063.png", "a/090-000.png"], "differ in 2 numbers, as in 090-000.png;"),
+        ([f"a/{d}_{i}.png" for d in (20210304, 20210305) for i in (1, 2)], "differ in 2 numbers"),
         (["a/front.png", "a/back.png"], "should have a view's number"),
         (["a/1.png", "a_1.png"], "has a folder 'test_a' and pictures of that name beside it"),
         (["a/1.png", "a/1.jpg"], "test_a has view 1 twice"),

@@ -63,7 +63,7 @@ def test_an_export_read_back_is_the_same_data_set(layout, views, first, last, tm
 
 
 def test_val_folders_stay_and_equal_names_are_told_apart(tmp_path) -> None:
-    for i, name in enumerate(("train/1.off", "train/1.obj", "train/2.off", "val/3.off", "test/1.off")):
+    for i, name in enumerate(("train/1.off", "train/1.obj", "train/2.b.off", "val/3.off", "test/1.off")):
         path = tmp_path / "net/cup" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         corners = [(0, 0, 0), (1, 0, i), (0, 1, 0)]
@@ -75,7 +75,9 @@ def test_val_folders_stay_and_equal_names_are_told_apart(tmp_path) -> None:
     dataset, out = opened(tmp_path / "net"), tmp_path / "out"
     export(dataset, out, form("rotationnet"))
     objects = {name.rpartition("_")[0] for name in files(out)} - {""}
-    assert objects == {f"cup/{name}" for name in ("train/1_off", "train/1_obj", "train/2", "val/3", "test/1")}
+    assert objects == {
+        f"cup/{name}" for name in ("train/train_1_off", "train/train_1_obj", "train/2.b", "val/3", "test/1")
+    }
     assert [item.split for item in opened(out).items].count("val") == 1
 
 

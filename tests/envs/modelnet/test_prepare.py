@@ -430,6 +430,10 @@ def test_a_rig_that_pictures_were_not_taken_with_is_refused(tmp_path):
         with pytest.raises(DataError, match=sentence):
             prepared(dataset, tmp_path / "cache", rig=rig)
     assert prepared(dataset, tmp_path / "cache", rig=Rings.even(8, [30.0])).exists()
+    (tmp_path / "net/cup/train/train_3.png").unlink()
+    (item, _) = opened(tmp_path / "net", skip_broken=True).items
+    assert item.fault
+    assert rigs_of(replace(dataset, items=(item,)), Dodecahedron()) == [Dodecahedron()]
 
 
 def test_cameras_on_a_dodecahedron(tmp_path):
