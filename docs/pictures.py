@@ -2,6 +2,7 @@
 
 python docs/pictures.py shapes                    the embedded shapes, six views each
 python docs/pictures.py points                    embedded shapes as meshes, and as points drawn as discs
+python docs/pictures.py export                    what `activelsd export` writes
 python docs/pictures.py axes                      which axis of a file points where
 python docs/pictures.py curves RUN [RUN ...]      metrics of runs during training
 """
@@ -16,10 +17,11 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from activelsd.envs.modelnet.cameras import Dodecahedron, Rings
 from activelsd.envs.world import world_settings
 from activelsd.scenery.discs import disc_mesh
 from activelsd.scenery.meshes import upright
-from activelsd.scenery.orbit_renderer import DISTANCE, FRAME_RADIUS, render_views
+from activelsd.scenery.orbit_renderer import DISTANCE, FRAME_RADIUS, render_depths, render_views
 from activelsd.scenery.shapes import make_shape
 
 HERE = Path(__file__).parent / "pictures"
@@ -72,6 +74,27 @@ def points() -> Figure:
                 axes.set_ylabel("mesh" if count is None else f"{count:,} points", fontsize=11)
         column[0].set_title(category, fontsize=11, pad=2)
     figure.subplots_adjust(0.03, 0.01, 0.99, 0.95)
+    return figure
+
+
+def export() -> Figure:
+    """A piano from a ring of twelve cameras and from a dodecahedron's vertices, shaded and as depths."""
+    mesh, rigs = make_shape("piano", np.random.default_rng(3)), (Rings.even(12, [30.0]), Dodecahedron())
+    figure = Figure(figsize=(11, 5.5), dpi=90)
+    panels = [
+        (rig, part, draw)
+        for rig, parts in zip(rigs, ((slice(12),), (slice(10), slice(10, 20))), strict=True)
+        for draw in (render_views, render_depths)
+        for part in parts
+    ]
+    for axes, (rig, part, draw) in zip(figure.subplots(6, 1), panels, strict=True):
+        views = draw(mesh, size=112, cameras=rig.cameras[part])
+        axes.imshow(np.concatenate(list(views), 1), cmap="gray", vmin=0, vmax=np.iinfo(views.dtype).max)
+        axes.set(xticks=[], yticks=[], anchor="W")
+        if part.start is None:
+            axes.set_ylabel("depth" if draw is render_depths else f"{len(rig.cameras)} views", fontsize=10)
+        axes.spines[:].set_visible(False)
+    figure.subplots_adjust(0.03, 0.01, 0.99, 0.99, hspace=0.04)
     return figure
 
 
@@ -130,10 +153,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("picture", choices=("shapes", "points", "axes", "curves"))
+    parser.add_argument("picture", choices=("shapes", "points", "export", "axes", "curves"))
     parser.add_argument("runs", nargs="*", type=Path)
     options = parser.parse_args()
-    draw = {"shapes": shapes, "points": points, "axes": axes_of_files, "curves": lambda: curves(options.runs)}
+    draw = {
+        "shapes": shapes,
+        "points": points,
+        "export": export,
+        "axes": axes_of_files,
+        "curves": lambda: curves(options.runs),
+    }
     figure = draw[options.picture]()
     FigureCanvasAgg(figure)
     figure.savefig(HERE / f"{options.picture}.png")

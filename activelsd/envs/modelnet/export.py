@@ -7,6 +7,7 @@ and on, from 12 such cameras or from the 20 vertices of a dodecahedron.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import os
@@ -112,7 +113,7 @@ def export(
 
 def _export(dataset: Dataset, folder: Path, form: Form, skip_broken: bool, progress: Progress) -> Exported:
     places, known = _places(dataset), _check_folder(folder, form)
-    stamps = {place: f"{item.stamp} {item.parts}" for place, item in zip(places, dataset.items, strict=True)}
+    stamps = {place: _stamp(dataset, item) for place, item in zip(places, dataset.items, strict=True)}
     files = [[f"{place.parent}/{name}" for name in form.names(place.name)] for place in places]
     for place, own in zip(places, files, strict=True):
         if known.get(str(place), stamps[place]) != stamps[place]:
@@ -219,6 +220,13 @@ def _places(dataset: Dataset) -> list[PurePosixPath]:
         if times > 1:
             raise DataError(f"Two objects would be exported as {place}; rename one of them.")
     return unique
+
+
+def _stamp(dataset: Dataset, item: Item) -> str:
+    """Changes with what an object is drawn from and how that is read, but not with where it lies."""
+    source = {key: value for key, value in dataset.origin.items() if key != "from"}
+    own = {key: value for key, value in asdict(item).items() if key not in ("name", "split")}
+    return hashlib.sha256(json.dumps([source, own], sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _told(form: Form) -> dict[str, Any]:

@@ -136,6 +136,8 @@ def test_objects_that_changed_are_made_anew(tmp_path) -> None:
     export(opened(tmp_path / "net"), tmp_path / "out", form())
     (tmp_path / "net/cup/train/2.off").write_text(mesh.format("7.5"))
     assert export(opened(tmp_path / "net"), tmp_path / "out", form()) == (3, 36, 12)
+    assert export(opened(tmp_path / "net", up="x"), tmp_path / "out", form()) == (3, 36, 36)
+    assert export(opened(tmp_path / "net", up="x"), tmp_path / "out", form()) == (3, 36, 0)
     (tmp_path / "net/cup/train/1.off").write_text("OFF\n3 1 0\n0 0")
     with pytest.raises(DataError, match=r"1\.off .*skip_broken"):
         export(opened(tmp_path / "net"), tmp_path / "new", form())
