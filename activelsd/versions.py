@@ -17,7 +17,7 @@ _PARTS = "parts"  # maps "KIND NAME" to "PACKAGE VERSION"
 
 def write_versions(folder: Path, parts: Iterable[tuple[Registry, str]]) -> None:
     """Write the versions of Python, the main packages, and the packages that bring a run's parts."""
-    packages = ("activelsd", "torch", "numpy", "gymnasium", "embreex", "trimesh")
+    packages = ("activelsd", "torch", "numpy", "gymnasium", "embreex")
     system = {"python": platform.python_version(), "platform": platform.platform()}
     brought = {(kind.kind, name): kind.package(name) for kind, name in parts}
     others = {f"{kind} {name}": " ".join(one) for (kind, name), one in brought.items() if one}

@@ -1,6 +1,6 @@
 """Reads meshes from files: OFF, OBJ, PLY, STL and glTF. A file that would be read in part is refused.
 
-Each format has a parser in `mesh_formats`. Reading takes no more memory than about 64 times the size of the
+Each format has a parser in `mesh_formats`. Reading takes no more memory than about 200 times the size of the
 file, whatever it says of itself.
 """
 
@@ -149,7 +149,8 @@ def _checked(surface: Surface, name: str) -> Mesh:
     points, corners, sizes = surface
     if sizes.max(initial=0) < 3:
         raise DataError(f"{name} has no faces, so there is nothing to see; remove it.")
-    whole = corners.astype(np.int64)
+    with np.errstate(invalid="ignore"):
+        whole = corners.astype(np.int64)
     if not (corners.min() >= 0 and corners.max() < len(points) and (whole == corners).all()):
         wrong = corners[~((corners >= 0) & (corners < len(points)) & (corners == np.floor(corners)))]
         raise DataError(

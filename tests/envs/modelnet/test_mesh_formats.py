@@ -145,6 +145,7 @@ def test_ply_of_triangle_strips_and_other_elements():
     refuses(text.replace("8 1", "-8 1").encode(), "a.ply", "has a list of -8")
     refuses(text.replace("float x", "float u").encode(), "a.ply", "has no vertices with x, y and z")
     refuses(text.replace("vertex_indices", "strip").encode(), "a.ply", "without a list vertex_indices")
+    refuses(text.replace("element edge", "element vertex").encode(), "a.ply", "has 'element vertex 1' in its")
     refuses(text.replace("float y", "vec3 y").encode(), "a.ply", "has 'property vec3 y' in its header")
 
 
@@ -287,7 +288,8 @@ def test_gltf_that_would_lose_a_part_is_refused(monkeypatch):
     says(lambda j: j["nodes"][0].pop("mesh"), "no mesh in its scene")
     says(lambda j: j["nodes"][0].update(children=[0]), "a node, number 0, in two places")
     says(lambda j: j["nodes"][0].update(mesh=4), "number 4 of its meshes, which is not there")
-    says(lambda j: j["accessors"][0].update(type="VEC7"), "is not as glTF 2 should be")
+    says(lambda j: j["accessors"][0].pop("type"), "lacks 'type', which glTF 2 wants")
+    says(lambda j: j["nodes"][0].update(children=3), "has values where glTF 2 wants others")
     monkeypatch.setattr(gltf, "_MOST_CORNERS", 10_000)
     many = [{"mesh": 0}] * 100
     says(lambda j: j.update(nodes=many, scenes=[{"nodes": list(range(100))}]), "shows its meshes so often")
@@ -504,3 +506,19 @@ def test_pictures_are_not_turned(tmp_path):
             (tmp_path / "cup" / split / f"a{split}_{i + 1:03d}.png").write_bytes(b"")
     with pytest.raises(ConfigError, match=r"env\.dataset\.up turns meshes and points, but .* holds pictures"):
         opened(tmp_path, up="y")
+
+
+@pytest.mark.parametrize("ending", ["off", "obj", "ply", "stl", "glb", "gltf"])
+def test_files_that_another_library_writes(ending, tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    whole = trimesh.creation.box((1, 2, 3))
+    scene = trimesh.Scene([whole, whole.copy().apply_translation([5, 0, 0])])
+    written = (scene if ending in {"glb", "gltf", "obj"} else scene.to_mesh()).export(file_type=ending)
+    files = written if isinstance(written, dict) else {f"two.{ending}": written}
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data.encode() if isinstance(data, str) else data)
+    (path,) = tmp_path.glob(f"*.{ending}")
+    mesh = read_mesh(Folder(tmp_path), path.name, "z")
+    assert len(mesh.faces) == 24
+    used = corners(mesh).reshape(-1, 3)
+    np.testing.assert_allclose([used.min(0), used.max(0)], [[-0.5, -1, -1.5], [5.5, 1, 1.5]])

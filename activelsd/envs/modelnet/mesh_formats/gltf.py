@@ -46,13 +46,15 @@ def read(data: bytes, name: str, beside: Beside) -> Surface:
     try:
         document = Document(data, beside)
         _check_extensions(document.json)
-        return _scene(document)
+        with np.errstate(all="ignore"):  # points that are not finite are refused for all formats alike
+            return _scene(document)
     except Invalid as error:
         raise DataError(f"{name} {error}; export it again or remove it.") from None
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
-        what = str(error).splitlines()[0][:60] if str(error) else type(error).__name__
+    except KeyError as error:
+        raise DataError(f"{name} lacks {str(error)[:40]}, which glTF 2 wants; export it again.") from None
+    except (IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError):
         raise DataError(
-            f"{name} is not as glTF 2 should be ({what}); export it again or remove it."
+            f"{name} has values where glTF 2 wants others; export it again or remove it."
         ) from None
 
 

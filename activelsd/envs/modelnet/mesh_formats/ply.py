@@ -107,9 +107,14 @@ def _declared(lines: Sequence[bytes], name: str) -> tuple[str, dict[str, tuple[i
         match line.split():
             case [b"format", form, _] if form in _FORMATS and order is None:
                 order = _FORMATS[form]
-            case [b"element", element, count] if count.isdigit() and len(count) < 19 and order is not None:
+            case [b"element", element, count] if (
+                count.isdigit()
+                and len(count) < 19
+                and order is not None
+                and shown(element).lower() not in declared
+            ):
                 properties = []
-                declared[element.decode("ascii", "replace").lower()] = (int(count), properties)
+                declared[shown(element).lower()] = (int(count), properties)
             case [b"property", b"list", length, kind, label] if {length, kind} <= _TYPES.keys() and declared:
                 types = [np.dtype(f"{order}{_TYPES[t]}" if order else "<f8") for t in (kind, length)]
                 properties.append(Property(label.decode("ascii", "replace").lower(), *types))

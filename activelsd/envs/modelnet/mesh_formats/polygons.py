@@ -10,6 +10,9 @@ from activelsd.envs.modelnet.mesh_formats.surface import Surface, ranges
 _FLAT = 1e-6
 """Sine of the turn at a corner up to which it counts as straight."""
 
+_FORCED = 8
+"""Corners of a polygon that are clipped though they are no ears."""
+
 
 def triangles(surface: Surface) -> NDArray[np.int64]:
     """Triangles (T, 3) of a surface's polygons in their order; points and lines have none.
@@ -68,26 +71,29 @@ def _sines(polygons: NDArray[np.float64]) -> NDArray[np.float64]:
 def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
     """Triangles (n - 2, 3) of a counter-clockwise polygon (n, 2) by clipping ears.
 
-    Holes may be cut in by a bridge that is walked both ways. Where no ear is left, as in a polygon that
-    crosses itself, a corner is clipped all the same.
+    Holes may be cut in by a bridge that is walked both ways. A polygon that crosses itself may have no ear
+    left: then a corner is clipped all the same, and after a few of these the rest becomes a fan.
     """
     left = list(range(len(polygon)))
     ears: list[tuple[int, int, int]] = []
-    reflex = _turns(*(np.roll(polygon, shift, axis=0) for shift in (1, 0, -1))) <= 0
-    at, failed = 0, 0
-    while len(left) > 3:
+    turns = _turns(*(np.roll(polygon, shift, axis=0) for shift in (1, 0, -1)))
+    at, failed, forced = 0, 0, 0
+    while len(left) > 3 and forced < _FORCED:
         at %= len(left)
-        ear = left[at - 1], left[at], left[(at + 1) % len(left)]
-        if failed < len(left) and (reflex[left[at]] or _holds(polygon[list(ear)], polygon[reflex])):
+        here = left[at]
+        ear = left[at - 1], here, left[(at + 1) % len(left)]
+        is_ear = turns[here] == 0 or (turns[here] > 0 and not _holds(polygon[list(ear)], polygon[turns < 0]))
+        if not is_ear and failed < len(left):
             at, failed = at + 1, failed + 1
             continue
+        forced += not is_ear
         ears.append(ear)
-        reflex[left.pop(at)] = False
+        del left[at]
+        turns[here] = 0
         failed = 0
         for i in (at - 1, at % len(left)):
-            around = polygon[[left[i - 1], left[i], left[(i + 1) % len(left)]]]
-            reflex[left[i]] = _turns(*around) <= 0
-    ears.append((left[0], left[1], left[2]))
+            turns[left[i]] = _turns(*polygon[[left[i - 1], left[i], left[(i + 1) % len(left)]]])
+    ears += [(left[0], left[i], left[i + 1]) for i in range(1, len(left) - 1)]
     return np.array(ears, np.int64)
 
 
