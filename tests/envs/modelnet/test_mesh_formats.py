@@ -73,6 +73,14 @@ def test_off_without_its_word_and_with_values_that_are_no_numbers():
         refuses(text.replace(b"{}", b"2") + b"3 1 2 3\n", "a.off", "a vertex, number 3, that is not finite")
 
 
+def test_off_with_its_numbers_in_any_lines():
+    head, *rest = write.off(POINTS, POLYGONS).decode().split("\n", 2)
+    for counts in ("20\n15\n0", "20 15\n0", "20 15 0"):
+        reads(f"{head}\n{counts}\n{rest[1]}".encode(), "a.off")
+    reads(f"{head} {rest[0]}\n{' '.join(rest[1].split())}".encode(), "a.off")
+    reads(f"{head} {rest[0]}\n{chr(10).join(rest[1].split())}".encode(), "a.off")
+
+
 def test_obj_in_the_ways_of_many_programs():
     for corner in ("{0}/{0}", "{0}//{0}", "{0}/{0}/{0}", "{0}/1/-1", "{0}/"):
         reads(write.obj(POINTS, POLYGONS, corner=corner), "a.obj")

@@ -7,6 +7,7 @@ CRLF, polygons and colours, and MeshLab's bring normals and colours of vertices 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +53,14 @@ def read(data: bytes, name: str) -> Surface:
     if n_faces == 0:
         raise DataError(f"{name} has no faces, so there is nothing to see; remove it.")
     body = body[counts.end() :]
-    surface = None if header and header["kind"] else _plain_triangles(body, n_vertices, n_faces)
-    return surface or _by_lines(body, n_vertices, n_faces, name)
+    plain = not (header and header["kind"])
+    surface = _plain_triangles(body, n_vertices, n_faces) if plain else None
+    if surface is not None:
+        return surface
+    lines = [line for line in body.splitlines() if line.strip()]
+    if plain and len(lines) != n_vertices + n_faces:
+        surface = _in_any_lines(body, n_vertices, n_faces)
+    return surface or _by_lines(lines, n_vertices, n_faces, name)
 
 
 def _plain_triangles(body: bytes, n_vertices: int, n_faces: int) -> Surface | None:
@@ -67,9 +74,28 @@ def _plain_triangles(body: bytes, n_vertices: int, n_faces: int) -> Surface | No
     return Surface(values[: 3 * n_vertices].reshape(-1, 3), faces[:, 1:].ravel(), np.full(n_faces, 3))
 
 
-def _by_lines(body: bytes, n_vertices: int, n_faces: int, name: str) -> Surface:
+def _in_any_lines(body: bytes, n_vertices: int, n_faces: int) -> Surface | None:
+    """The surface of numbers in lines of any length; None if there are others than vertices and faces."""
+    values = numbers(body)
+    if values is None:
+        return None
+    for first in (0, 1):  # the number of edges may stand in a line of its own
+        at = first + 3 * n_vertices
+        starts: list[int] = []
+        while len(starts) < n_faces and at < len(values) and values[at] >= 1 and values[at].is_integer():
+            starts.append(at + 1)
+            at += 1 + int(values[at])
+        if len(starts) == n_faces and at == len(values):
+            begins = np.array(starts)
+            sizes = values[begins - 1].astype(np.int64)
+            return Surface(
+                values[first : first + 3 * n_vertices].reshape(-1, 3), values[ranges(begins, sizes)], sizes
+            )
+    return None
+
+
+def _by_lines(lines: Sequence[bytes], n_vertices: int, n_faces: int, name: str) -> Surface:
     """The surface by the file's lines: x y z and more, n and n indices and more."""
-    lines = [line for line in body.splitlines() if line.strip()]
     values, widths = rows(lines[:n_vertices], name)
     whole = np.flatnonzero(widths < 3)
     if len(whole) or len(widths) < n_vertices:
