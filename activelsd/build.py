@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import torch
 
@@ -15,7 +16,8 @@ from activelsd.envs.joint import OpenWorld
 from activelsd.envs.settings import WorldSettings
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
-from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.features import with_features
+from activelsd.policy.lsdnet import LSDNet, NetworkShape, make_trunk
 from activelsd.policy.settings import PolicySettings
 from activelsd.train.actors.ga3c.ga3c_actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
@@ -24,6 +26,7 @@ from activelsd.train.actors.interface import MakeActors
 from activelsd.train.actors.ray.ray_actors import RayActors
 from activelsd.train.actors.resident import on_recordings
 from activelsd.train.parallel import started_together
+from activelsd.train.settings import TrainSettings
 
 
 def open_recordings(
@@ -34,6 +37,51 @@ def open_recordings(
         OpenWorld(name, graph(own) if graph else own.open(), own.rules.rules(), own.made_by())
         for name, own in worlds.items()
     ]
+
+
+def add_features(
+    worlds: Sequence[OpenWorld],
+    settings: Mapping[str, WorldSettings],
+    shape: NetworkShape,
+    train: TrainSettings | None = None,
+    *,
+    device: str = "cpu",
+    progress: Callable[[str], Any] | None = None,
+) -> list[OpenWorld]:
+    """The worlds with the features of the trunk, if it is frozen; computed now if they are not kept.
+
+    Args:
+        worlds: open.
+        settings: of the worlds, by name.
+        shape: of the network.
+        train: how they are varied in training; None to see them as they are.
+        device: to compute them on.
+        progress: makes the callback of a progress line, given what is done.
+    """
+    trunk = make_trunk(shape)
+    vary = train is not None and train.vary_crops and shape.crops
+    mirror = train is not None and train.mirror
+    return [
+        world._replace(
+            graph=with_features(
+                world.graph,
+                trunk,
+                cache=settings[world.name].cache_folder,
+                mirror=mirror,
+                vary_crops=vary,
+                device=device,
+                progress=progress,
+            )
+        )
+        for world in worlds
+    ]
+
+
+def _reopened(
+    settings: Mapping[str, WorldSettings], shape: NetworkShape, train: TrainSettings
+) -> list[OpenWorld]:
+    """Worlds with features, as a worker on any node opens them."""
+    return add_features(open_recordings(settings), settings, shape, train)
 
 
 def build_shape(settings: PolicySettings, *graphs: ViewGraph) -> NetworkShape:
@@ -48,6 +96,7 @@ def build_shape(settings: PolicySettings, *graphs: ViewGraph) -> NetworkShape:
         frames=settings.frames,
         channels=graphs[0].channels,
         crops=any(graph.crops is not None for graph in graphs),
+        certainty=settings.certainty,
     )
 
 
@@ -57,14 +106,16 @@ def build_actors(config: RunConfig, worlds: Sequence[OpenWorld], device: str) ->
     if settings.actors == "resident":
         return on_recordings(worlds, settings, frames=frames, device=device)
     if settings.actors == "ray":
-        reopen = partial(open_recordings, config.worlds)
-        return lambda network, seed: RayActors(reopen, worlds, network, settings, seed)
+        return lambda network, seed: RayActors(
+            partial(_reopened, config.worlds, network.shape, settings), worlds, network, settings, seed
+        )
     ((name, graph, rules, backend),) = worlds
     own = config.worlds[name]
 
     def ga3c(network: LSDNet, seed: int) -> GA3CActors:
         world: EnvSpec | Callable[[], Env]
-        if settings.ga3c.kind == "threads":
+        local = settings.ga3c.kind == "threads"
+        if local:
             world = lambda: ViewGraphEnv(graph, rules, frames=frames, backend=backend)  # noqa: E731
         else:
             options = own.model_dump(mode="json", exclude={"name"}) | {"world": own.name, "frames": frames}
@@ -78,6 +129,7 @@ def build_actors(config: RunConfig, worlds: Sequence[OpenWorld], device: str) ->
             vary_crops=settings.vary_crops,
             mirror=settings.mirror,
             dropout=settings.dropout,
+            features=graph.features_shape if local and graph.features is not None else None,
         )
 
     return ga3c

@@ -210,7 +210,7 @@ def _advice_in_files(layers: dict[str, Setting]) -> dict[str, Setting]:
 
 
 def _worlds_advice(layers: Mapping[str, Setting], members: Mapping[str, str]) -> dict[str, Setting]:
-    """What worlds advise for other groups; if two worlds advise on one key, the first wins.
+    """What worlds, and the trunk named, advise for other groups; of two who advise on one key the first wins.
 
     Advice for a part of the network does not hold for another part, where the layers name one.
     """
@@ -220,6 +220,11 @@ def _worlds_advice(layers: Mapping[str, Setting], members: Mapping[str, str]) ->
     for kind in kinds:
         for key, value in registry.worlds.get(kind).advice.items():
             advice.setdefault(key, Setting(value, f"the advice of the world {kind}"))
+    trunk = layers.get("policy.trunk.kind") or layers.get("policy.trunk")
+    if trunk is not None and registry.trunks.knows(str(trunk.value)):
+        own = registry.trunks.settings(str(trunk.value))
+        for key, value in getattr(own, "advice", {}).items():
+            advice.setdefault(key, Setting(value, f"the advice of the trunk {trunk.value}"))
     schema, chosen = Schema(RunConfig, {**advice, **layers}), {key.removesuffix(".kind") for key in layers}
     lost = [key for key in advice if key.rpartition(".")[0] in chosen and schema.find(key) is None]
     return {key: setting for key, setting in advice.items() if key not in lost}

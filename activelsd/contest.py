@@ -20,6 +20,7 @@ from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import RunError
 from activelsd.evaluate import result_files
 from activelsd.evaluate.compare import Comparison, Entrant, compare
+from activelsd.features import with_features
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.policy.transfer import narrow
@@ -90,7 +91,14 @@ def _play(
                 with progress("Preparing views") as show:
                     graphs[views] = settings.open(show)
             joint = len(configs[i].worlds) > 1
-            entrants.append(_entrant(names[i], networks[i], world, settings, graphs[views], joint=joint))
+            graph = with_features(
+                graphs[views],
+                networks[i].trunk,
+                cache=settings.cache_folder,
+                device=device,
+                progress=progress,
+            )
+            entrants.append(_entrant(names[i], networks[i], world, settings, graph, joint=joint))
         with progress("Playing episodes") as show:
             comparison = compare(
                 entrants,

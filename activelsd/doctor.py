@@ -8,6 +8,7 @@ import re
 import tempfile
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from activelsd.envs.thor.installation import (
     has_vulkan,
 )
 from activelsd.errors import ConfigError, RunError
+from activelsd.features import recorded_size
 from activelsd.train.run import Run
 
 
@@ -48,6 +50,7 @@ def examine(runs: Path) -> Iterator[Finding]:
     yield Finding("device", f"{gpu}; {torch.get_num_threads()} PyTorch threads")
     yield from _parts()
     yield _cache(default_cache())
+    yield from _pretrained()
     yield from _thor()
     try:
         yield Finding("newest run", str(Run.newest(runs).folder))
@@ -97,6 +100,21 @@ def _cache(folder: Path) -> Finding:
     except OSError as error:
         return Finding("cache", f"{folder} is not writable ({error.strerror}); set ACTIVELSD_CACHE", False)
     return Finding("cache", f"{folder}, writable")
+
+
+def _pretrained() -> Iterator[Finding]:
+    """Yields what pretrained trunks need, which is optional, and what is kept for them."""
+    try:
+        yield Finding("timm", version("timm"))
+    except PackageNotFoundError:
+        yield Finding("timm", "not installed; only pretrained trunks need it: pip install 'activelsd[timm]'")
+        return
+    missing = [name for name in ("onnxruntime", "onnxscript") if find_spec(name) is None]
+    if missing:
+        way_out = "pretrained trunks need it on a CPU: pip install 'activelsd[timm]'"
+        yield Finding(missing[0], f"missing; {way_out}", False)
+    files, size = recorded_size(default_cache())
+    yield Finding("features", f"{files} files of {size / 1e6:.0f} MB in all in the cache")
 
 
 def _thor() -> Iterator[Finding]:

@@ -7,7 +7,14 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from activelsd.build import build_actors, build_device, build_shape, build_threads, open_recordings
+from activelsd.build import (
+    add_features,
+    build_actors,
+    build_device,
+    build_shape,
+    build_threads,
+    open_recordings,
+)
 from activelsd.compose import change, load
 from activelsd.config import RunConfig
 from activelsd.console import notice, progress
@@ -106,6 +113,11 @@ def _train(config: RunConfig, run: Run, worlds: Sequence[OpenWorld], device: str
         notice(f"Training {run.folder}" + "".join(f" on {backend}, a stand-in" for backend in stand_ins))
     resuming = _has_checkpoint(run)
     shape = build_shape(config.policy, *(world.graph for world in worlds))
+    if group.rank > 0:
+        group.wait()
+    worlds = add_features(worlds, config.worlds, shape, config.train, device=device, progress=progress)
+    if group.rank == 0:
+        group.wait()
     watched = [world for world in worlds if (world.graph.start_split == SPLITS.index("val")).any()]
 
     def evaluate(network: LSDNet) -> dict[str, float]:

@@ -3,6 +3,9 @@
 A package brings a part by an entry point of the group `activelsd.<kind>s`, such as `mine =
 "my_package:Mine"` in the group `activelsd.trunks`. A part is imported when it is asked for, in the process
 that asks; nothing else is ever imported because a config names it.
+
+A name that ends in a colon is a family: `timm:` stands for `timm:resnet18` and all others, and its class has
+a class method `named` that makes the class of one of them.
 """
 
 from __future__ import annotations
@@ -76,9 +79,20 @@ class Registry:
         """The names that other packages give to their parts; those of own parts are without effect."""
         return list(_installed(self.group))
 
+    def _own_name(self, name: str) -> str | None:
+        """The name of the own part, or of the family, that a name stands for; None if there is none."""
+        family, colon, member = name.partition(":")
+        if colon and member and f"{family}:" in self._own:
+            return f"{family}:"
+        return name if name in self._own and not name.endswith(":") else None
+
+    def knows(self, name: str) -> bool:
+        """Whether a part has a name; nothing is imported."""
+        return name in self.names() or self._own_name(name) is not None
+
     def check(self, name: str, place: str = "") -> None:
         """Raise UnknownPartError if no part has a name, written at a place; nothing is imported."""
-        if name not in self.names():
+        if not self.knows(name):
             raise UnknownPartError(self.kind, name, self.names(), place)
 
     def get(self, name: str) -> Any:
@@ -91,8 +105,10 @@ class Registry:
         self.check(name)
         if name in self._added:
             return self._added[name]
-        if name in self._own:
-            return self._own[name].load()
+        own = self._own_name(name)
+        if own is not None:
+            part = self._own[own].load()
+            return part.named(name.removeprefix(own)) if own.endswith(":") else part
         with self.blaming(name, "cannot be imported"):
             part = _installed(self.group)[name].load()
         base = None if self._base is None else self._base.load()
@@ -113,7 +129,7 @@ class Registry:
         try:
             yield
         except (Exception, SystemExit) as error:
-            if isinstance(error, ActiveLSDError) or name in self._own:
+            if isinstance(error, ActiveLSDError) or self._own_name(name) is not None:
                 raise
             raise self.broken(name, f"{what} ({type(error).__name__}: {error})") from error
 
@@ -126,8 +142,9 @@ class Registry:
         Raises:
             UnknownPartError: there is no part of that name.
         """
-        if name in self._own:
-            return self._settings[name].load() if name in self._settings else None
+        own = self._own_name(name)
+        if own is not None:
+            return self._settings[own].load() if own in self._settings else None
         return getattr(self.get(name), "Settings", None)
 
     def name_of(self, part: Any) -> str | None:
@@ -144,7 +161,7 @@ class Registry:
 
     def package(self, name: str) -> tuple[str, str] | None:
         """Name and version of the package that brings a part; None for parts of this one and added ones."""
-        entry = None if name in self._own or name in self._added else _installed(self.group).get(name)
+        entry = None if self._own_name(name) or name in self._added else _installed(self.group).get(name)
         return None if entry is None or entry.dist is None else (entry.dist.name, entry.dist.version)
 
 
@@ -180,8 +197,9 @@ players = Registry(
 trunks = Registry(
     "trunk",
     "trunks",
-    _in("policy.trunks", compact="Compact", alexnet="AlexNet"),
-    settings=_in("policy.settings", alexnet="AlexNetSettings"),
+    _in("policy.trunks", compact="Compact", alexnet="AlexNet")
+    | _in("policy.pretrained", **{"timm:": "TimmTrunk"}),
+    settings=_in("policy.settings", alexnet="AlexNetSettings", **{"timm:": "TimmSettings"}),
 )
 memories = Registry(
     "memory",

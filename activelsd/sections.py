@@ -41,6 +41,8 @@ class Part(Section):
     """Settings of a part that is found by name, such as a trunk; a part with others has a subclass."""
 
     shorthand: ClassVar[str | None] = "kind"
+    advice: ClassVar[Mapping[str, Any]] = {}
+    """What learns best with this trunk, as settings of the run by dotted key; a world's advice wins."""
 
     kind: str = Field(description="the part's name")
 

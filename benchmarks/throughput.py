@@ -12,6 +12,9 @@ All take turns, each in its own process (GA3C's agents wait at a full training q
 slower machine slows all of them. CPU time is that of the contestant's main process, without the environments
 in GA3C's processes.
 
+With `--trunk timm:NAME --weights FILE` the trainer also plays on recorded features of that trunk, and the
+network alone learns from them; their values are made up, which changes no time.
+
     python benchmarks/throughput.py --seconds 3 --rounds 3
 """
 
@@ -21,6 +24,7 @@ import argparse
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -34,7 +38,8 @@ from activelsd.envs.graphenv import ViewGraphEnv, tree_of
 from activelsd.envs.joint import OpenWorld
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.envs.world import world_settings
-from activelsd.policy.lsdnet import NetworkShape
+from activelsd.policy.lsdnet import NetworkShape, make_trunk
+from activelsd.policy.trunks import ViewTrunk
 from activelsd.train.actors.ga3c.ga3c_actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
 from activelsd.train.actors.interface import MakeActors
@@ -59,15 +64,26 @@ Actors = Literal["resident", "threads", "processes"]
 RESIDENT, THREADS, PROCESSES = "resident", "ga3c, threads", "ga3c, processes"
 ACTORS: dict[str, Actors] = {RESIDENT: "resident", THREADS: "threads", PROCESSES: "processes"}
 ON_GPU = {"kernel by kernel": {"cuda_graphs": False}, "compiled": {"compile": True}}
+ON_FEATURES, BARE = "recorded features", "learning alone on features"
 BFLOAT16 = {"bfloat16": {"amp": True}}
 A2C, APPO = "Stable-Baselines3 A2C", "Sample Factory APPO, this trunk"
 A2C_FAST = f"{A2C}, this trunk"
 
 
 @cache
-def graph() -> ViewGraph:
-    """The recorded views of the benchmark's world."""
+def graph(features: int | None = None) -> ViewGraph:
+    """The recorded views of the benchmark's world, with made-up features of that width if it is given."""
+    if features is not None:
+        plain = graph()
+        drawn = np.random.default_rng(0).random((len(plain.frames) + 1, features)).astype(np.float16)
+        return replace(plain, features=(drawn,))
     return world_settings("modelnet", WORLD).open()
+
+
+def embedding(shape: NetworkShape) -> int | None:
+    """Width of a frozen trunk's features of a view; None for a trunk that learns."""
+    trunk = make_trunk(shape)
+    return int(trunk.embedding) if isinstance(trunk, ViewTrunk) and trunk.frozen else None
 
 
 def one_env(frames: int) -> ViewGraphEnv:
@@ -83,6 +99,10 @@ def bare(shape: NetworkShape, batch: int, layout: str, device: str) -> tuple[Ste
     frames = rng.integers(0, 256, (1, batch, shape.frames, shape.size, shape.size), dtype=np.uint8)
     boxes = torch.ones(1, batch, shape.frames, 5, device=device)
     observation = {"frames": torch.from_numpy(frames).to(device), "target": boxes}
+    width = embedding(shape)
+    if width is not None:
+        drawn = torch.rand(1, batch, shape.frames, width, device=device).half()
+        observation = {"features": drawn, "target": boxes}
     state, first = network.initial_state(batch), torch.ones(1, batch, dtype=torch.bool, device=device)
     optimiser = torch.optim.Adam(network.parameters(), lr=1e-6, capturable=device == "cuda")
 
@@ -144,7 +164,7 @@ def trainer(
 ) -> Iterator[Step]:
     """Gives a function that runs one update of the trainer."""
     if actors == "resident":
-        world = OpenWorld("modelnet", graph(), PRESETS["V4"])
+        world = OpenWorld("modelnet", graph(embedding(shape)), PRESETS["V4"])
         make_actors = on_recordings([world], settings, frames=shape.frames, device=device)
     else:
         make_actors = ga3c(shape, settings, actors, agents)
@@ -210,6 +230,7 @@ def report(rates: Mapping[str, Rate]) -> None:
         *((name, "learning alone", learning) for name in residents),
         *((name, "acting plus learning", both) for name in (*residents, THREADS, PROCESSES)),
         *((one, name, rates[name]) for one in residents for name in (A2C, A2C_FAST, APPO) if name in rates),
+        *((one, name, rates[name]) for one in (ON_FEATURES,) if one in rates for name in (RESIDENT, BARE)),
     ]
     for name, reference, rate in ratios:
         wall, cpu = (one / other for one, other in zip(rates[name], rate, strict=True))
@@ -235,6 +256,8 @@ def main() -> None:
     )
     parser.add_argument("--envs", type=int, default=TrainSettings().envs, help="number of parallel episodes")
     parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"))
+    parser.add_argument("--trunk", help="also play on recorded features of this trunk, as timm:NAME")
+    parser.add_argument("--weights", help="file of that trunk's weights")
     options = parser.parse_args()
 
     shape = NetworkShape(memory=options.memory, frames=3 if options.memory == "stack" else 1)
@@ -255,6 +278,13 @@ def main() -> None:
         )
         for name, chosen in switches.items()
     }
+    if options.trunk:
+        frozen = NetworkShape(
+            trunk=options.trunk, trunk_settings={"weights": options.weights}, certainty=True
+        )
+        varied = settings.model_copy(update={"dropout": 0.5})
+        contestants[ON_FEATURES] = partial(trainer, frozen, varied, "resident", options.agents, device)
+        contestants[BARE] = partial(best_bare, "learning", frozen, envs, device, trial, options.rounds)
     contestants |= others(shape, settings, device)
     rates = in_processes(contestants, options.threads, options.seconds, options.rounds)
     where = torch.cuda.get_device_name() if device == "cuda" else "CPU"

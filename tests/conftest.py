@@ -6,6 +6,7 @@ import importlib.util
 import os
 import signal
 from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 # Before anything imports torch: small networks are faster on one thread, and sums come out the same.
@@ -13,6 +14,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 import pytest
+import torch
 from hypothesis import settings
 
 # A shell that starts tests in the background has them ignore Ctrl-C, and so what they start to interrupt.
@@ -20,6 +22,26 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("here", deadline=None, derandomize=True)
 settings.load_profile("here")
+
+
+def _let_torchvision_import() -> None:
+    """Define two operators that timm's torchvision asks for, and that nothing here uses.
+
+    PyPI's torchvision has them in a library for PyPI's torch; beside a CPU wheel of torch it does not load.
+    """
+    try:
+        torch_build, vision_build = (version(name).partition("+")[2] for name in ("torch", "torchvision"))
+    except PackageNotFoundError:
+        return
+    if torch_build != vision_build:
+        operators = torch.library.Library("torchvision", "FRAGMENT")
+        for name in ("nms", "qnms"):
+            operators.define(f"{name}(Tensor dets, Tensor scores, float iou_threshold) -> Tensor")
+        OPERATORS.append(operators)
+
+
+OPERATORS: list[torch.library.Library] = []  # kept, since they are gone with the library
+_let_torchvision_import()
 
 FURNITURE = Path(__file__).parents[2] / "shared" / "data" / "furniture"
 

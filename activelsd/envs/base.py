@@ -17,8 +17,12 @@ from activelsd.errors import ConfigError, did_you_mean
 Observation = dict[str, NDArray[Any]]
 
 
-def observation_space(size: int, frames: int, *, crops: bool, channels: int = 1) -> gymnasium.spaces.Dict:
+def observation_space(
+    size: int, frames: int, *, crops: bool, channels: int = 1, features: tuple[int, int] | None = None
+) -> gymnasium.spaces.Dict:
     """The observations of every world: `frames` (K C, S, S), `target` (K, 5), optionally `crops` (K C, S, S).
+
+    With `features`, (W, F), also those of a frozen trunk for W variants of every view, float16 (K, W, F).
 
     Raises:
         ConfigError: `frames` is less than 1.
@@ -31,6 +35,8 @@ def observation_space(size: int, frames: int, *, crops: bool, channels: int = 1)
     }
     if crops:
         spaces["crops"] = gymnasium.spaces.Box(0, 255, (frames * channels, size, size), np.uint8)
+    if features is not None:
+        spaces["features"] = gymnasium.spaces.Box(-np.inf, np.inf, (frames, *features), np.float16)
     return gymnasium.spaces.Dict(spaces)
 
 
@@ -77,6 +83,7 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         frames: int,
         crops: bool,
         channels: int = 1,
+        features: tuple[int, int] | None = None,
         backend: str,
         render_mode: str | None = None,
     ) -> None:
@@ -85,11 +92,11 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         self.backend = backend
         self.render_mode = render_mode
         # Gymnasium's types say that a Dict holds spaces; its elements are arrays.
-        space = observation_space(size, frames, crops=crops, channels=channels)
+        space = observation_space(size, frames, crops=crops, channels=channels, features=features)
         self.observation_space = cast("gymnasium.Space[Observation]", space)
         self.action_space = gymnasium.spaces.Discrete(tree.n)
         self._answers = tree.span(CLASSIFY)
-        self._crops = crops
+        self._crops, self._features = crops, features is not None
         self._seen: deque[View] = deque(maxlen=frames)
         self._episode: Episode | None = None
 
@@ -182,6 +189,8 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         }
         if self._crops:
             observation["crops"] = _stacked([view.crop for view in self._seen if view.crop is not None])
+        if self._features:
+            observation["features"] = np.stack([v.features for v in self._seen if v.features is not None])
         return observation
 
     def _info(self, *, moved: bool) -> dict[str, Any]:

@@ -20,6 +20,7 @@ class View(NamedTuple):
     frame: NDArray[np.uint8]  # (S, S) gray, or (3, S, S) red, green and blue
     target: NDArray[np.float32]  # (5,) box centre, width, height as fractions of the frame; present 0 or 1
     crop: NDArray[np.uint8] | None = None  # ([3,] S, S) the box cropped from the full-resolution image
+    features: NDArray[np.float16] | None = None  # (W, F) of a frozen trunk, for W variants of the picture
 
 
 @dataclass(frozen=True, kw_only=True)

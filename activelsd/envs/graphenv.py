@@ -42,6 +42,7 @@ class ViewGraphEnv(ActiveVisionEnv):
             frames=frames,
             crops=graph.crops is not None,
             channels=graph.channels,
+            features=None if graph.features is None else graph.features_shape,
             backend=backend,
             render_mode=render_mode,
         )
@@ -77,7 +78,8 @@ class ViewGraphEnv(ActiveVisionEnv):
         """The recorded view."""
         graph = self.graph
         crop = None if graph.crops is None else graph.crop(self._view, self._target)
-        return View(graph.frames[self._view], graph.target_box(self._view, self._target), crop)
+        features = None if graph.features is None else graph.features_of(self._view, self._target)
+        return View(graph.frames[self._view], graph.target_box(self._view, self._target), crop, features)
 
     def try_move(self, name: str) -> bool:
         """Follows the edge with that name, if there is one."""

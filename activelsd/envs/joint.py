@@ -108,8 +108,14 @@ class JointVectorEnv:
     def observe(self) -> dict[str, Tensor]:
         """`frames` uint8 (B, K C, S, S), `target` float32 (B, K, 5), and `crops` if any world has them."""
         seen = [part.observe() for part in self.parts.values()]
-        observation = {name: torch.cat([one[name] for one in seen]) for name in ("frames", "target")}
-        if self._crops:
+        shared = [name for name in seen[0] if name not in ("crops", "features")]
+        observation = {name: torch.cat([one[name] for one in seen]) for name in shared}
+        if "features" in seen[0]:
+            found = [one["features"] for one in seen]
+            most = max(one.shape[2] for one in found)
+            # The frames of a world without crops have one cut, which stands for all.
+            observation["features"] = torch.cat([one.repeat(1, 1, most // one.shape[2], 1) for one in found])
+        elif self._crops:
             observation["crops"] = torch.cat([one.get("crops", one["frames"]) for one in seen])
         return observation
 
@@ -163,9 +169,16 @@ def shares(num_envs: int, worlds: int) -> list[int]:
 
 
 def play_recordings(
-    worlds: Sequence[OpenWorld], *, num_envs: int, frames: int, device: str | torch.device = "cpu"
+    worlds: Sequence[OpenWorld],
+    *,
+    num_envs: int,
+    frames: int,
+    device: str | torch.device = "cpu",
+    pictures: Sequence[str] = ("frames", "crops"),
 ) -> ViewGraphVectorEnv | JointVectorEnv:
     """Environments of the training split, for one world or shared evenly among several.
+
+    Observations hold the `pictures` named, and features, if there are any, in all variants.
 
     Raises:
         ConfigError: there are fewer environments than worlds, or the worlds' frames differ in size or colour.
@@ -177,7 +190,14 @@ def play_recordings(
         )
     parts = {
         world.name: ViewGraphVectorEnv(
-            world.graph, world.rules, num_envs=share, frames=frames, backend=world.backend, device=device
+            world.graph,
+            world.rules,
+            num_envs=share,
+            frames=frames,
+            backend=world.backend,
+            device=device,
+            pictures=pictures,
+            variants=True,
         )
         for world, share in zip(worlds, shares(num_envs, len(worlds)), strict=True)
     }

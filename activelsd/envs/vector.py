@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -45,6 +46,9 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
 
     With a `playlist` of start rows, episodes are taken from it instead of drawn: environment i plays rows i,
     i+B, i+2B, … and then repeats the playlist's last row.
+
+    `pictures` names what observations hold of frames and crops: a network that is given features needs fewer.
+    With `variants`, features are those of all variants of a view.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
@@ -64,18 +68,24 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         backend: str = "recording",
         device: str | torch.device = "cpu",
         playlist: NDArray[np.int64] | None = None,
+        pictures: Sequence[str] = ("frames", "crops"),
+        variants: bool = False,
     ) -> None:
         self.num_envs = num_envs
         self.graph, self.tree, self.rules = graph, tree_of(graph), rules
         self.device = torch.device(device)
         self.backend = backend
         self.single_observation_space = observation_space(
-            graph.size, frames, crops=graph.crops is not None, channels=graph.channels
+            graph.size,
+            frames,
+            crops=graph.crops is not None,
+            channels=graph.channels,
+            features=None if graph.features is None else graph.features_shape,
         )
         self.single_action_space = gymnasium.spaces.Discrete(self.tree.n)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._k = frames
+        self._k, self._shown, self._variants = frames, frozenset(pictures), variants
         self._guide: Guide | None = None
         self._answers = self.tree.span(CLASSIFY)
         self._load(playlist if playlist is not None else graph.starts(split))
@@ -102,6 +112,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         if graph.crops is not None:
             crops = put(graph.crops)
             self._crops = torch.cat([crops, crops.new_zeros(1, *crops.shape[1:])])
+        self._features = [put(one) for one in graph.features or ()]
         self._whole = torch.tensor(WHOLE_FRAME, device=self.device)
         self._only_answers = torch.zeros(self.tree.n, dtype=torch.bool, device=self.device)
         self._only_answers[self._answers] = True
@@ -158,15 +169,26 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._target = self._start_target[self._row]
 
     def observe(self) -> dict[str, Tensor]:
-        """`frames` uint8 (B, K C, S, S), `target` float32 (B, K, 5), and `crops` if the graph has them."""
-        observation = {"frames": _pictures(self._frames, self._seen)}
+        """`frames` uint8 (B, K C, S, S), `target` float32 (B, K, 5), and `crops` if the graph has them.
+
+        If the graph has features, also `features` float16 (B, K, F), or (B, K, W, F) for all variants.
+        """
+        observation = {}
+        if "frames" in self._shown:
+            observation["frames"] = _pictures(self._frames, self._seen)
+        shown = self._seen
         if self._pairs is None:
             observation["target"] = self._whole.expand(*self._seen.shape, 5)
         else:
             pairs = self._pairs[self._seen, self._target[:, None]]
             observation["target"] = _rows(self._boxes, pairs)
             if self.graph.crops is not None:
-                observation["crops"] = _pictures(self._crops, pairs)
+                shown = pairs
+                if "crops" in self._shown:
+                    observation["crops"] = _pictures(self._crops, pairs)
+        if self._features:
+            found = [_rows(one, shown) for one in self._features[: None if self._variants else 1]]
+            observation["features"] = torch.stack(found, 2) if self._variants else found[0]
         return observation
 
     @property

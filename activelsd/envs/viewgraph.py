@@ -52,6 +52,9 @@ class ViewGraph:
     pair_of: NDArray[np.int32] | None = None
     boxes: NDArray[np.float32] | None = None  # (P, 4) cx, cy, w, h as fractions of the frame
     crops: NDArray[np.uint8] | None = None  # (P, [3,] S, S) each box cropped from the full-resolution image
+    # each (N + 1, F): what a frozen trunk finds in the N pictures it is shown, crops if there are any, else
+    # frames, and in a black one; then in their variants, see `activelsd.features`. Not part of recordings
+    features: tuple[NDArray[np.float16], ...] | None = None
     difficulty: NDArray[np.uint8] | None = None  # (P,) annotated difficulty of each box, 1 is easiest
     difficulty_names: tuple[str, ...] | None = None  # names of grades 1, 2, …; None: numbers
     pixels: NDArray[np.float32] | None = None  # (P,) fraction of the frame's pixels that show the target
@@ -185,6 +188,20 @@ class ViewGraph:
             raise DataError("This recording has no crops; turn `crops` off or record again with crops.")
         pair = self.pair_of[view, target]
         return self.crops[pair] if pair >= 0 else np.zeros_like(self.frames[0])
+
+    @property
+    def features_shape(self) -> tuple[int, int]:
+        """(W, F) of the features: how many variants there are, and how wide they are."""
+        assert self.features is not None
+        return len(self.features), int(self.features[0].shape[1])
+
+    def features_of(self, view: int, target: int) -> NDArray[np.float16]:
+        """(W, F) features of the picture that a trunk is shown of a target in a view."""
+        assert self.features is not None
+        row = view if self.crops is None or self.pair_of is None else int(self.pair_of[view, target])
+        return np.stack(
+            [one[row] for one in self.features]
+        )  # -1, out of sight, is the last row, the black one
 
 
 def _repeated(pictures: NDArray[np.uint8]) -> NDArray[np.uint8]:

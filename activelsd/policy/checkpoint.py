@@ -15,15 +15,22 @@ from torch import Tensor
 from activelsd.envs.actions import ActionTree
 from activelsd.errors import RunError
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.policy.trunks import ViewTrunk
 from activelsd.registry import UnknownPartError
 
 WEIGHTS, MEANING = "network.safetensors", "network.json"
+_FROZEN = "frozen_trunk"
 
 
 def save_network(network: LSDNet, folder: Path) -> None:
-    """Write weights, action names and shape into an existing folder, which the caller renames into place."""
+    """Write weights, action names and shape into an existing folder, which the caller renames into place.
+
+    Of a frozen trunk only the neck is written, and a digest of the rest.
+    """
     save_tensors(network.state_dict(), folder / WEIGHTS)
-    meaning = {"actions": network.tree.to_dict(), "shape": asdict(network.shape)}
+    meaning: dict[str, Any] = {"actions": network.tree.to_dict(), "shape": asdict(network.shape)}
+    if isinstance(network.trunk, ViewTrunk) and network.trunk.frozen:
+        meaning[_FROZEN] = network.trunk.digest()
     (folder / MEANING).write_text(json.dumps(meaning, indent=1) + "\n", "utf-8")
 
 
@@ -45,6 +52,12 @@ def load_network(folder: Path, device: str | torch.device = "cpu") -> LSDNet:
             f"{folder / MEANING} names the {error.kind} '{error.name}', which is not installed; "
             "install the package that brings it."
         ) from None
+    frozen = meaning.get(_FROZEN)
+    if frozen is not None and isinstance(network.trunk, ViewTrunk) and network.trunk.digest() != frozen:
+        raise RunError(
+            f"{folder / MEANING} was trained on the trunk '{frozen}', and '{network.trunk.digest()}' is here;"
+            " put the file of weights that it was trained with in its place."
+        )
     tensors = load_tensors(folder / WEIGHTS)
     try:
         network.load_state_dict(tensors)

@@ -15,7 +15,7 @@ from activelsd.envs.actions import CLASSIFY, ActionTree
 from activelsd.errors import ConfigError
 from activelsd.policy.heads import ActionDistribution, Epsilon, FlatCategorical, TreeCategorical
 from activelsd.policy.memories import State
-from activelsd.policy.trunks import Compact, as_input
+from activelsd.policy.trunks import Compact, ViewTrunk, as_input
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +32,7 @@ class NetworkShape:
         frames: K, how many frames are stacked as channels.
         channels: C of each frame, 1 in gray and 3 in colour.
         crops: whether the trunk sees crops of the target, and `Surroundings` the whole frames.
+        certainty: whether moving and stopping depend on `Certainty`.
     """
 
     trunk: str = "compact"
@@ -43,6 +44,7 @@ class NetworkShape:
     frames: int = 1
     channels: int = 1
     crops: bool = False
+    certainty: bool = False
 
     @property
     def inputs(self) -> int:
@@ -92,6 +94,46 @@ class Surroundings(nn.Module):
         return outputs
 
 
+class Certainty(nn.Module):
+    """Lets moving and stopping depend on how sure of the class the network is.
+
+    Whether another view is worth its price is a question of certainty, which no linear layer can read from
+    the features. No gradient goes back to the classes. Its outputs begin at zero, as `Surroundings`' do.
+    """
+
+    def __init__(self, outputs: int) -> None:
+        super().__init__()
+        self.outputs = nn.Linear(3, outputs)
+        nn.init.zeros_(self.outputs.weight)
+        nn.init.zeros_(self.outputs.bias)
+
+    def forward(self, classes: Tensor) -> Tensor:
+        """Logits of the classes (..., m) to (..., outputs)."""
+        log_p = classes.detach().float().log_softmax(-1)
+        likely = log_p.topk(2, -1).values.exp()
+        entropy = -(log_p.exp() * log_p).sum(-1, keepdim=True)
+        sure = torch.cat([likely[..., :1], likely[..., :1] - likely[..., 1:], entropy], -1)
+        outputs: Tensor = self.outputs(sure)
+        return outputs
+
+
+def make_trunk(shape: NetworkShape) -> Any:
+    """The trunk of a network's shape, with fresh weights where it is trained.
+
+    Raises:
+        ConfigError: its name is unknown, or it cannot be made so.
+    """
+    make = registry.trunks.get(shape.trunk)
+    with registry.trunks.blaming(shape.trunk, "cannot be made"):
+        if isinstance(make, type) and issubclass(make, ViewTrunk):
+            by_view: Any = make
+            trunk = by_view(shape.channels, shape.size, frames=shape.frames, **shape.trunk_settings)
+        else:
+            trunk = make(shape.inputs, shape.size, **shape.trunk_settings)
+        trunk.features = int(trunk.features)
+        return trunk
+
+
 class LSDNet(nn.Module):
     """Looks at a stack of views, and answers or moves.
 
@@ -108,12 +150,10 @@ class LSDNet(nn.Module):
         if shape.head not in ("tree", "flat"):
             raise ConfigError(f"There is no head '{shape.head}'; choose tree or flat.")
         self.tree, self.shape = tree, shape
-        trunk, memory = registry.trunks.get(shape.trunk), registry.memories.get(shape.memory)
-        with registry.trunks.blaming(shape.trunk, "cannot be made"):
-            self.trunk = trunk(shape.inputs, shape.size, **shape.trunk_settings)
-            width = int(self.trunk.features)
+        memory = registry.memories.get(shape.memory)
+        self.trunk = make_trunk(shape)
         with registry.memories.blaming(shape.memory, "cannot be made"):
-            self.memory = memory(width, **shape.memory_settings)
+            self.memory = memory(self.trunk.features, **shape.memory_settings)
             inputs = self.memory.outputs + 5 * shape.frames
         branches = len(tree.branches) if shape.head == "tree" else 0
         self.policy = nn.Linear(inputs, branches + tree.n)
@@ -124,6 +164,7 @@ class LSDNet(nn.Module):
             self.policy.bias.zero_()
         steering = branches + tree.n - tree.sizes[tree.branches.index(CLASSIFY)]
         self.surroundings = Surroundings(shape.frames, shape.channels, steering + 1) if shape.crops else None
+        self.certainty = Certainty(steering + 1) if shape.certainty else None
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     @property
@@ -142,7 +183,11 @@ class LSDNet(nn.Module):
         views = torch.zeros(2, shape.inputs, shape.size, shape.size, dtype=torch.uint8, device=self.device)
         self.eval()
         with trunks.blaming(shape.trunk, "fails on a blank view"):
-            features = self.trunk(views)
+            if isinstance(self.trunk, ViewTrunk) and self.trunk.frozen:
+                # Its net need not be built where all features are recorded.
+                features = self.trunk.join(views.new_zeros(2, shape.frames, self.trunk.embedding))
+            else:
+                features = self.trunk(views)
             if features.shape != (2, self.trunk.features):
                 wanted = f"must return (N, {self.trunk.features}), its `features`"
                 raise trunks.broken(
@@ -160,6 +205,18 @@ class LSDNet(nn.Module):
                 raise memories.broken(shape.memory, f"{found} and {wanted}")
         self.train()
 
+    @property
+    def slow(self) -> dict[str, float]:
+        """Names of the parameters that learn slower than the others, with how much slower."""
+        rate = getattr(self.trunk, "rate", 1.0)
+        own = [name for name, _ in self.trunk.named_parameters() if not name.startswith("neck.")]
+        return {} if rate == 1.0 else {f"trunk.{name}": rate for name in own}
+
+    @property
+    def pictures(self) -> tuple[str, ...]:
+        """The pictures that it needs where features of its trunk are recorded."""
+        return ("frames",) if self.surroundings is not None else ()
+
     def initial_state(self, batch: int) -> State:
         """The memory's state before any view."""
         state: State = self.memory.initial(batch, self.device)
@@ -170,29 +227,39 @@ class LSDNet(nn.Module):
 
         Args:
             observation: `frames` uint8 (L, B, K C, S, S), `target` (L, B, K, 5), `crops` like frames; if a
-                world has none, its frames take their place, since the target fills them. In training
-                also `dropout` float (L, B, memory.outputs), factors for the memory's outputs.
+                world has none, its frames take their place, since the target fills them. Of a frozen
+                trunk, `features` float16 (L, B, K, F) may take the place of the pictures it is shown. In
+                training also `dropout` float (L, B, memory.outputs), factors for the memory's outputs.
             state: of the memory before the first step.
             first: (L, B) bool, true where an episode begins.
         """
-        frames, target = observation["frames"], observation["target"].flatten(2)
-        pictures = observation.get("crops", frames) if self.shape.crops else frames
-        features = self.trunk(pictures.flatten(0, 1)).unflatten(0, first.shape)
+        target = observation["target"].flatten(2)
+        if "features" in observation:
+            features = self.trunk.join(observation["features"].flatten(0, 1)).unflatten(0, first.shape)
+        else:
+            crops = self.shape.crops and "crops" in observation
+            pictures = observation["crops" if crops else "frames"]
+            features = self.trunk(pictures.flatten(0, 1)).unflatten(0, first.shape)
         remembered, after = self.memory(features, state, first)
         if "dropout" in observation:
             remembered = remembered * observation["dropout"]
         joined = torch.cat([remembered, target], -1)
         logits, value = self.policy(joined), self.value(joined).squeeze(-1)
+        # What is added to all logits except those of the classes, which are one slice, and to the value.
+        span, branches = self.tree.span(CLASSIFY), logits.shape[-1] - self.tree.n
+        start, stop = branches + span.start, branches + span.stop
+        steering: list[Tensor] = []
         if self.surroundings is not None:
-            around = self.surroundings(frames.flatten(0, 1), target.flatten(0, 1)).unflatten(0, first.shape)
-            # Added to all logits except those of the classes, which are one slice.
-            span, branches = self.tree.span(CLASSIFY), logits.shape[-1] - self.tree.n
-            start, stop = branches + span.start, branches + span.stop
-            ahead, behind = around[..., :start], around[..., start:-1]
+            frames = observation["frames"].flatten(0, 1)
+            steering.append(self.surroundings(frames, target.flatten(0, 1)).unflatten(0, first.shape))
+        if self.certainty is not None:
+            steering.append(self.certainty(logits[..., start:stop]))
+        for added in steering:
+            ahead, behind = added[..., :start], added[..., start:-1]
             logits = torch.cat(
                 [logits[..., :start] + ahead, logits[..., start:stop], logits[..., stop:] + behind], -1
             )
-            value = value + around[..., -1]
+            value = value + added[..., -1]
         # Under autocast the pass is in bfloat16; losses are computed, and states kept, in full precision.
         after = {name: x.to(state[name].dtype) for name, x in after.items()}
         return Output(logits.float(), value.float(), features.float(), after)

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from activelsd.envs.actions import CLASSIFY, ActionTree
 from activelsd.errors import RunError
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
+from activelsd.policy.trunks import ViewTrunk
 
 
 class Transfer(NamedTuple):
@@ -33,7 +34,8 @@ def transfer(source: LSDNet, fresh: LSDNet) -> tuple[dict[str, Tensor], Transfer
     Raises:
         RunError: the networks differ in more than their actions and in whether they see crops.
     """
-    old_settings, new_settings = dict(_settings(source.shape)), dict(_settings(fresh.shape))
+    _check_trunks(source.trunk, fresh.trunk)
+    old_settings, new_settings = dict(_settings(source)), dict(_settings(fresh))
     for key in [*new_settings, *(old_settings.keys() - new_settings.keys())]:
         theirs, ours = old_settings.get(key), new_settings.get(key)
         if theirs != ours:
@@ -98,15 +100,38 @@ def head_rows(network: LSDNet, tree: ActionTree | None = None) -> dict[str, int]
     return {name: row for row, name in enumerate(names)}
 
 
-def _settings(shape: NetworkShape) -> Iterator[tuple[str, Any]]:
+def _check_trunks(source: nn.Module, fresh: nn.Module) -> None:
+    """Check that views look to the new trunk as they did to the old one, when it begins."""
+    if not isinstance(source, ViewTrunk) or not isinstance(fresh, ViewTrunk):
+        return
+    if fresh.frozen and not source.frozen:
+        raise RunError(
+            "policy.trunk.freeze=all would drop what the other run's trunk has learned; set"
+            " policy.trunk.freeze=none, or leave policy.init out."
+        )
+    if source.digest() != fresh.digest():
+        raise RunError(
+            f"A network on the trunk '{source.digest()}' cannot start one on '{fresh.digest()}'; name the"
+            " same weights and the same input, or leave policy.init out."
+        )
+
+
+def _settings(network: LSDNet) -> Iterator[tuple[str, Any]]:
     """What must be equal in two networks, by the key of the setting; the part's name before its settings."""
+    free = [f"policy.trunk.{key}" for key in getattr(network.trunk, "free", ())]
+    for key, value in _all_settings(network.shape):
+        if key not in free:
+            yield key, value
+
+
+def _all_settings(shape: NetworkShape) -> Iterator[tuple[str, Any]]:
     for name, value in asdict(shape).items():
         if name.endswith("_settings"):
             part = name.removesuffix("_settings")
             yield from ((f"policy.{part}.{key}", one) for key, one in value.items())
         elif name == "channels":
             yield "env.colour", "gray" if value == 1 else "rgb"
-        elif name != "crops":
+        elif name not in ("crops", "certainty"):
             yield "env.size" if name == "size" else f"policy.{name}", value
 
 
@@ -114,7 +139,10 @@ def _layers(network: LSDNet, tree: ActionTree | None = None) -> dict[str, dict[s
     """The layers whose rows stand for actions, with the index of each row by name."""
     rows = head_rows(network, tree)
     layers = {"policy": rows}
+    names = [*(row for row in rows if not row.startswith(f"{CLASSIFY}/")), "value"]
+    steering = {name: row for row, name in enumerate(names)}
     if network.surroundings is not None:
-        names = [*(row for row in rows if not row.startswith(f"{CLASSIFY}/")), "value"]
-        layers["surroundings.outputs"] = {name: row for row, name in enumerate(names)}
+        layers["surroundings.outputs"] = steering
+    if network.certainty is not None:
+        layers["certainty.outputs"] = steering
     return layers

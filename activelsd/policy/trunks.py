@@ -1,10 +1,13 @@
 """Convolutional trunks: a stack of frames in, one feature vector out.
 
 A trunk is a module made from the number of channels, the frames' side in pixels, and settings as keywords. It
-has an attribute `features`, the width of its output, and takes uint8 (N, C, S, S).
+has an attribute `features`, the width of its output, and takes uint8 (N, C, S, S). A `ViewTrunk` sees every
+view by itself, so what it finds in one can be kept.
 """
 
 from __future__ import annotations
+
+from abc import abstractmethod
 
 import torch
 from torch import Tensor, nn
@@ -114,6 +117,52 @@ class Compact(nn.Module):
     def forward(self, frames: Tensor) -> Tensor:
         """uint8, or float in [0, 1], (N, C, S, S) to (N, features), not negative."""
         features: Tensor = self.dense(self.convolutions(frames).flatten(1))
+        return features
+
+
+class ViewTrunk(nn.Module):
+    """A trunk that sees every view by itself, and a neck that joins what it found in K of them.
+
+    A subclass is made with `frames=K` beside its other settings, and defines `embed` and `digest`. If it is
+    `frozen`, what `embed` returns is computed once for every picture of a recording and kept beside it, and
+    only the neck is trained and stored in checkpoints.
+
+    Attributes:
+        features: width of its output.
+        embedding: F, width of what it finds in a view.
+        frozen: whether `embed` stays as it is.
+        rate: learning rate of its own weights, the neck's aside, as a fraction of the others'.
+        free: names of settings in which a network may differ from the one that it starts from.
+    """
+
+    rate = 1.0
+    free: tuple[str, ...] = ()
+
+    def __init__(self, frames: int, embedding: int, features: int, *, frozen: bool) -> None:
+        super().__init__()
+        self.frames, self.embedding, self.features, self.frozen = frames, embedding, features, frozen
+        # What is found in a view may be negative, and the memory that pools takes 0 for the least.
+        self.neck = nn.Sequential(nn.Linear(frames * embedding, features), nn.ReLU())
+
+    @abstractmethod
+    def embed(self, pictures: Tensor) -> Tensor:
+        """uint8 (N, C, S, S) to float (N, F)."""
+
+    @abstractmethod
+    def digest(self) -> str:
+        """Tells apart trunks whose `embed` differs; any text."""
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """uint8 (N, K C, S, S) to (N, features), not negative."""
+        n, channels, height, width = pictures.shape
+        views = pictures.reshape(n * self.frames, channels // self.frames, height, width)
+        found = self.embed(views).view(n, self.frames, -1)
+        # Recordings hold half precision; a world that is played live gets the same numbers.
+        return self.join(found.half() if self.frozen else found)
+
+    def join(self, found: Tensor) -> Tensor:
+        """What was found in K views, (N, K, F), to (N, features)."""
+        features: Tensor = self.neck(found.flatten(1).float())
         return features
 
 

@@ -90,9 +90,21 @@ class Variation:
 
     def look(self, observation: dict[str, Tensor], variations: Tensor) -> dict[str, Tensor]:
         """The observation, uint8 (B, K C, S, S) and boxes (B, K, 5), augmented; its input is unchanged."""
-        if self._crops:
-            observation = observation | {"crops": _cut(observation, variations)}
+        if "features" in observation:
+            observation = observation | {"features": self._variant(observation["features"], variations)}
+        elif self._crops:
+            varied = cut(observation["crops"], observation["target"], variations)
+            observation = observation | {"crops": varied}
         return _mirrored(observation, variations) if self._mirrors else observation
+
+    def _variant(self, features: Tensor, variations: Tensor) -> Tensor:
+        """(B, K, F) of features (B, K, W, F): those of the cut and the mirror image that an episode has."""
+        images = 2 if self._mirrors else 1
+        cuts = features.shape[2] // images
+        index = (variations[:, 0] * cuts).long() * images
+        if self._mirrors:
+            index = index + _is_mirrored(variations)
+        return features[torch.arange(len(features), device=features.device), :, index]
 
     def actions(self, actions: Tensor, variations: Tensor) -> Tensor:
         """Swaps left and right in (B,) actions of mirrored episodes; applying it twice changes nothing."""
@@ -121,9 +133,15 @@ def _is_mirrored(variations: Tensor) -> Tensor:
     return variations[:, -1] < 0.5
 
 
-def _cut(observation: dict[str, Tensor], variations: Tensor) -> Tensor:
-    """Crops with another margin and another light, which is the same for all channels."""
-    crops, target = observation["crops"], observation["target"]
+def cut(crops: Tensor, target: Tensor, variations: Tensor) -> Tensor:
+    """Crops uint8 (B, K C, S, S) with another margin and another light, which is the same for all channels.
+
+    Args:
+        crops: of targets whose boxes `target` (B, K, 5) gives; where a box fills the frame, or the target is
+            out of sight, the crop stays.
+        target: the boxes.
+        variations: (B, VARIATION_SIZE) in [0, 1).
+    """
     between = 2 * variations[:, :-1] - 1
     extent, squeeze, shift, contrast, brightness = torch.split(between, [1, 2, 2, 1, 1], 1)
     scale = (1 + ZOOM * extent) * (1 + SQUEEZE * squeeze)
@@ -153,6 +171,6 @@ def _mirrored(observation: dict[str, Tensor], variations: Tensor) -> dict[str, T
     pictures = {
         name: torch.cat([picture, picture.flip(-1)]).index_select(0, rows)
         for name, picture in observation.items()
-        if name != "target"
+        if name not in ("target", "features")  # features have a variant for it
     }
-    return pictures | {"target": target}
+    return observation | pictures | {"target": target}

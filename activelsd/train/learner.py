@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -46,18 +47,22 @@ class Learner:
             if id(value) not in shared
         }
         own = {name: value for name, value in self._own.items() if isinstance(value, torch.nn.Parameter)}
-        self._parameters = dict(network.named_parameters()) | own
+        trained = {name: one for name, one in network.named_parameters() if one.requires_grad}
+        slow = {name: trained.pop(name) for name in network.slow if name in trained}
+        self._parameters = trained | own | slow
         # Which losses were not finite in the first update in which one was not; later, weights are NaN.
         losses = len(Losses._fields) + len(self.terms)
         self._broken = torch.zeros(losses, dtype=torch.bool, device=network.device)
-        parameters = list(self._parameters.values())
+        groups: list[dict[str, Any]] = [{"params": list((trained | own).values()), "share": 1.0}]
+        if slow:
+            groups.append({"params": list(slow.values()), "share": next(iter(network.slow.values()))})
         rate, eps = settings.learning_rate, settings.optimiser_epsilon
-        graph = parameters[0].is_cuda  # steps are then counted on the device, as a CUDA graph needs
+        graph = network.device.type == "cuda"  # steps are then counted on the device, as a CUDA graph needs
         self.optimiser: torch.optim.Optimizer
         if settings.optimiser == "adam":
-            self.optimiser = torch.optim.Adam(parameters, lr=rate, eps=eps, capturable=graph)
+            self.optimiser = torch.optim.Adam(groups, lr=rate, eps=eps, capturable=graph)
         else:
-            self.optimiser = torch.optim.RMSprop(parameters, lr=rate, alpha=0.99, eps=eps, capturable=graph)
+            self.optimiser = torch.optim.RMSprop(groups, lr=rate, alpha=0.99, eps=eps, capturable=graph)
 
     def update(self, rollout: Rollout, now: Annealed) -> dict[str, Tensor]:
         """One optimiser step.
@@ -77,7 +82,7 @@ class Learner:
         self._group.average(parameters)
         norm = torch.nn.utils.clip_grad_norm_(parameters, self.settings.clip_norm or torch.inf, foreach=True)
         for group in self.optimiser.param_groups:
-            group["lr"] = now.learning_rate
+            group["lr"] = now.learning_rate * group["share"]
         self.optimiser.step()
         return {f"loss/{name}": value.detach() for name, value in losses.items()} | {"gradient": norm}
 

@@ -179,7 +179,9 @@ def on_recordings(
     """Actors for the training episodes of one world, or of several side by side; K = `frames` are stacked."""
 
     def make(network: LSDNet, seed: int) -> ResidentActors:
-        env = play_recordings(worlds, num_envs=settings.envs, frames=frames, device=device)
+        recorded = worlds[0].graph.features is not None
+        pictures = network.pictures if recorded else ("frames", "crops")
+        env = play_recordings(worlds, num_envs=settings.envs, frames=frames, device=device, pictures=pictures)
         return ResidentActors(
             env,
             network,

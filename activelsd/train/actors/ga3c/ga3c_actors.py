@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import count
 from typing import Protocol, TypeVar
 
+import gymnasium
 import numpy as np
 import torch
 from torch import Tensor
@@ -51,6 +52,7 @@ class GA3CActors:
         vary_crops: bool = False,
         mirror: bool = False,
         dropout: float = 0.0,
+        features: tuple[int, int] | None = None,
     ) -> None:
         """Set up the parts.
 
@@ -63,6 +65,7 @@ class GA3CActors:
             vary_crops: whether crops vary from episode to episode.
             mirror: whether every other episode is mirrored.
             dropout: share of the memory's outputs dropped at every view, in acting and learning.
+            features: (W, F) if observations hold features in place of what the trunk is shown.
 
         Raises:
             ConfigError: episodes are to be mirrored, and a move has no opposite.
@@ -71,8 +74,14 @@ class GA3CActors:
         shape = network.shape
         self._counts = ThreadCounts(settings.agents, settings.predictors, settings.trainers)
         self._most = ThreadCounts(*(2 * n for n in self._counts)) if settings.dynamic else self._counts
+        space = observation_space(
+            shape.size, shape.frames, crops=shape.crops, channels=shape.channels, features=features
+        )
+        if features is not None:
+            names = ("features", "target", *network.pictures)
+            space = gymnasium.spaces.Dict({name: space[name] for name in names})
         layout = Layout.of(
-            observation_space(shape.size, shape.frames, crops=shape.crops, channels=shape.channels),
+            space,
             agents=self._most.agents,
             lanes=settings.lanes,
             envs=settings.envs_per_agent // settings.lanes,

@@ -125,8 +125,12 @@ def check_actions(env: Env, actions: dict[str, Sequence[str]]) -> None:
 def _check(env: Env, slots: Slots) -> None:
     layout, space = slots.layout, env.observation_space
     assert isinstance(space, gymnasium.spaces.Dict)
-    found = {name: (box.shape or (), str(box.dtype)) for name, box in space.items()}
     wanted = {name: (tuple(shape), dtype) for name, (shape, dtype) in layout.observation.items()}
+    found = {
+        name: (box.shape or (), str(box.dtype))
+        for name, box in space.items()
+        if name in wanted or "features" not in wanted  # which take the place of pictures
+    }
     if found != wanted:
         raise ConfigError(
             f"The environment's observations are {found}, and the network was built for {wanted}; change one."

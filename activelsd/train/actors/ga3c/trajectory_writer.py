@@ -26,6 +26,9 @@ class TrajectoryWriter:
         """Write trajectories of `length` steps; `dropped` is the number of dropout's factors, if any."""
         one = {name: (shape[1:], dtype) for name, (shape, dtype) in layout.fields().items()}
         one["behaviour"], one["version"] = one["reward"], one["action"]
+        if "features" in one:  # the network has seen one of the variants (R, K, W, F)
+            shape, dtype = one["features"]
+            one["features"] = (*shape[:2], shape[3]), dtype
         if dropped:
             one["dropout"] = (layout.envs, dropped), np.dtype("float32")
         self._fields, self._length = one, length

@@ -68,7 +68,13 @@ class RayActors:
         # A worker's columns of each world; a rollout holds those of all workers, world by world.
         self._columns = {world.name: slice(*ends[i : i + 2]) for i, world in enumerate(worlds)}
         shape = network.shape
-        self._space = observation_space(shape.size, shape.frames, crops=shape.crops, channels=shape.channels)
+        self._space = observation_space(
+            shape.size,
+            shape.frames,
+            crops=shape.crops,
+            channels=shape.channels,
+            features=None if worlds[0].graph.features is None else (1, network.trunk.embedding),
+        )
         self._version, self._joined = 0, False
 
     @property
