@@ -4,8 +4,8 @@ A package brings a part by an entry point of the group `activelsd.<kind>s`, such
 "my_package:Mine"` in the group `activelsd.trunks`. A part is imported when it is asked for, in the process
 that asks; nothing else is ever imported because a config names it.
 
-A name that ends in a colon is a family: `timm:` stands for `timm:resnet18` and all others, and its class has
-a class method `named` that makes the class of one of them.
+An own name that ends in `:NAME` is a family: `timm:NAME` stands for `timm:resnet18` and all others, and its
+class has a class method `named` that makes the class of one of them.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from activelsd.errors import ActiveLSDError, ConfigError, did_you_mean
+
+_FAMILY = ":NAME"
 
 
 class UnknownPartError(ConfigError):
@@ -81,10 +83,10 @@ class Registry:
 
     def _own_name(self, name: str) -> str | None:
         """The name of the own part, or of the family, that a name stands for; None if there is none."""
-        family, colon, member = name.partition(":")
-        if colon and member and f"{family}:" in self._own:
-            return f"{family}:"
-        return name if name in self._own and not name.endswith(":") else None
+        family, _, member = name.partition(":")
+        if member and f"{family}{_FAMILY}" in self._own:
+            return f"{family}{_FAMILY}"
+        return name if name in self._own else None
 
     def knows(self, name: str) -> bool:
         """Whether a part has a name; nothing is imported."""
@@ -108,7 +110,7 @@ class Registry:
         own = self._own_name(name)
         if own is not None:
             part = self._own[own].load()
-            return part.named(name.removeprefix(own)) if own.endswith(":") else part
+            return part.named(name.partition(":")[2]) if own.endswith(_FAMILY) else part
         with self.blaming(name, "cannot be imported"):
             part = _installed(self.group)[name].load()
         base = None if self._base is None else self._base.load()
@@ -198,8 +200,8 @@ trunks = Registry(
     "trunk",
     "trunks",
     _in("policy.trunks", compact="Compact", alexnet="AlexNet")
-    | _in("policy.pretrained", **{"timm:": "TimmTrunk"}),
-    settings=_in("policy.settings", alexnet="AlexNetSettings", **{"timm:": "TimmSettings"}),
+    | _in("policy.pretrained", **{"timm:NAME": "TimmTrunk"}),
+    settings=_in("policy.settings", alexnet="AlexNetSettings", **{"timm:NAME": "TimmSettings"}),
 )
 memories = Registry(
     "memory",

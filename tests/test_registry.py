@@ -46,7 +46,7 @@ def test_an_unknown_name_gets_the_nearest_also_from_another_process() -> None:
     again = copy.copy(error.value)  # by __reduce__, as Ray sends it
     assert (str(again), again.kind, again.name) == (str(error.value), "memory", "lst")
     with pytest.raises(
-        UnknownPartError, match=r"^There is no trunk 'zzz' \(in f\); there are compact, alexnet\.$"
+        UnknownPartError, match=r"^There is no trunk 'zzz' \(in f\); there are compact, alexnet, timm:NAME\.$"
     ):
         registry.trunks.check("zzz", " (in f)")
 
@@ -55,7 +55,7 @@ def test_parts_are_added_in_this_process(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(registry.trunks, "_added", {})
     registry.trunks.add("mine", AlexNetSettings)
     assert registry.trunks.get("mine") is AlexNetSettings
-    assert registry.trunks.names() == ["compact", "alexnet", "mine"]
+    assert registry.trunks.names() == ["compact", "alexnet", "timm:NAME", "mine"]
     assert registry.trunks.name_of(AlexNetSettings) == "mine"
 
 
@@ -64,3 +64,12 @@ def test_a_class_knows_its_name_and_a_part_its_settings() -> None:
     assert registry.worlds.name_of(AlexNetSettings) is None
     assert registry.trunks.settings("alexnet") is AlexNetSettings
     assert registry.trunks.settings("compact") is None
+
+
+def test_a_family_has_a_part_for_every_name() -> None:
+    one = registry.trunks.get("timm:resnet18")
+    assert one.net_name == "resnet18"
+    assert registry.trunks.settings("timm:resnet18").__name__ == "TimmSettings"
+    assert registry.trunks.package("timm:resnet18") is None
+    with pytest.raises(UnknownPartError, match=r"did you mean timm:NAME\?$"):
+        registry.trunks.get("timm:")

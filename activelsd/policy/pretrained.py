@@ -67,11 +67,10 @@ class TimmTrunk(ViewTrunk):
             self.register_buffer(name, tensor, persistent=False)
         self._source = "hub:" + str(config.hf_hub_id or config.url) + f":{config.tag}"
         if self.frozen:
-            self._run: Any = FrozenNet(self._build)
+            self._frozen_net = FrozenNet(self._build)
         else:
             self.net = self._build()
             self._settle(freeze)
-            self._run = self.net
             self.train()
 
     @classmethod
@@ -86,7 +85,8 @@ class TimmTrunk(ViewTrunk):
         if scaled.shape[-1] != side:
             shrinks = scaled.shape[-1] > side
             scaled = functional.interpolate(scaled, (side, side), mode="bilinear", antialias=shrinks)
-        found: Tensor = self._run((scaled.expand(-1, 3, -1, -1) - self.mean) / self.deviation)
+        normalised = (scaled.expand(-1, 3, -1, -1) - self.mean) / self.deviation
+        found: Tensor = self._frozen_net(normalised) if self.frozen else self.net(normalised)
         return found
 
     def digest(self) -> str:

@@ -149,7 +149,7 @@ def test_first_policies_are_near_uniform_over_branches_and_leaves() -> None:
     [
         ({"head": "bush"}, "There is no head 'bush'; choose tree or flat."),
         ({"memory": "diary"}, "There is no memory 'diary'; there are stack, lstm, pool, places."),
-        ({"trunk": "elephant"}, "There is no trunk 'elephant'; there are compact, alexnet, timm:."),
+        ({"trunk": "elephant"}, "There is no trunk 'elephant'; there are compact, alexnet, timm:NAME."),
         ({"size": 33}, "policy.trunk=compact needs env.size to be a multiple of 4, not 33; set env.size=32."),
         (
             {"trunk": "alexnet", "trunk_settings": {}},

@@ -106,6 +106,7 @@ def test_stages_are_frozen_from_the_input(weights: Path) -> None:
     stages = timm.models.group_parameters(seeing.net, seeing.net.group_matcher(coarse=True))
     frozen = {name for name, x in seeing.net.named_parameters() if not x.requires_grad}
     assert frozen == {name for stage in (0, 1) for name in stages[stage]}
+    assert len({x.data_ptr() for x in seeing.state_dict().values()}) == len(seeing.state_dict())
     with pytest.raises(ConfigError, match=r"freeze=5 is all of 'test_resnet', which has 5 stages"):
         trunk(weights=str(weights), freeze=5)
 
