@@ -65,8 +65,9 @@ def begin(config: RunConfig) -> Path:
     """
     device = _device(config)
     with Group.joined(device) as group:
+        config.policy.trunk.check()  # first, as is the next, because opening worlds takes a while
         if config.policy.init is not None:
-            find_checkpoint(config.policy.init)  # first, because opening worlds takes a while
+            find_checkpoint(config.policy.init)
         worlds = open_worlds(config, group)
         made = (
             Run.create(config.runs, config.title, dump(config), config.parts()).folder

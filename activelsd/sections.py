@@ -46,6 +46,9 @@ class Part(Section):
 
     kind: str = Field(description="the part's name")
 
+    def check(self) -> None:
+        """Raise ConfigError if something that the settings name is not there; called before work begins."""
+
     def own(self) -> dict[str, Any]:
         """The settings by name, without the part's own name."""
         return self.model_dump(mode="json", exclude={"kind"})

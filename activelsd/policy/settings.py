@@ -50,6 +50,13 @@ class TimmSettings(Part):
         4, ge=1, le=16, description="frozen: how many cuts of every crop are recorded to vary it by"
     )
 
+    def check(self) -> None:
+        """Raise ConfigError if there are no weights where they should be."""
+        if self.weights is not None:
+            from activelsd.policy.weights import find_weights  # settings are read before PyTorch is imported
+
+            find_weights(self.weights)
+
     @model_validator(mode="after")
     def _not_fresh_and_frozen(self) -> TimmSettings:
         if self.weights is None and not self.download and self.freeze != "none":
