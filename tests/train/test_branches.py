@@ -66,7 +66,7 @@ def test_it_learns_moves_of_the_second_branch(kind: str, tmp_path: Path) -> None
             return GA3CActors(env, network, chosen, settings.length, seed, mirror=True)
 
     last = train(tmp_path, make, settings)
-    assert last["accuracy"] > 0.7  # from the ring where episodes begin, no more than 1/3
+    assert last["accuracy"] > 0.6  # from the ring where episodes begin, no more than 1/3
     assert last["views"] > 1.5
     assert last["accuracy_at_first_view"] < 0.5
     network = load_network(Run.newest(tmp_path).checkpoint)

@@ -337,8 +337,12 @@ def test_a_second_process_at_the_same_cache_waits(script, tmp_path):
     cache = tmp_path / "cache"
     with script(cache, 0) as first:
         assert first.stdout.readline() == "0\n"
+        first.send_signal(signal.SIGSTOP)  # however long the second takes to start
         with script(cache, 0) as second:
-            said, warning = second.communicate(timeout=60)
+            warning = second.stderr.readline()
+            first.send_signal(signal.SIGCONT)
+            said, more = second.communicate(timeout=60)
+        warning += more
         assert first.wait(timeout=60) == second.returncode == 0
     assert said == ""
     (line,) = warning.splitlines()
@@ -353,6 +357,7 @@ def test_who_waits_goes_on_for_one_that_was_killed(script, tmp_path):
     with script(cache, 0) as first, script(tmp_path / "other", 0) as other:
         for line in first.stdout:
             if int(line) == 9:
+                first.send_signal(signal.SIGSTOP)  # it must not end before the second waits for it
                 break
         with script(cache, 0) as second:
             warning = second.stderr.readline()
