@@ -222,9 +222,14 @@ def _worlds_advice(layers: Mapping[str, Setting], members: Mapping[str, str]) ->
             advice.setdefault(key, Setting(value, f"the advice of the world {kind}"))
     trunk = layers.get("policy.trunk.kind") or layers.get("policy.trunk")
     if trunk is not None and registry.trunks.knows(str(trunk.value)):
-        own = registry.trunks.settings(str(trunk.value))
-        for key, value in getattr(own, "advice", {}).items():
-            advice.setdefault(key, Setting(value, f"the advice of the trunk {trunk.value}"))
+        name = str(trunk.value)
+        own = dict(getattr(registry.trunks.settings(name), "advice", {}))
+        if named is not None and not members:  # a world's settings have other keys in a joint run
+            own |= registry.worlds.get(kinds[0]).advice_with.get(registry.trunks.family(name), {})
+        for key, value in own.items():
+            group = key.rpartition(".")[0]
+            if not {group, f"{group}.preset"} & layers.keys():  # another row of rules is meant as it is
+                advice.setdefault(key, Setting(value, f"the advice for the trunk {name}"))
     schema, chosen = Schema(RunConfig, {**advice, **layers}), {key.removesuffix(".kind") for key in layers}
     lost = [key for key in advice if key.rpartition(".")[0] in chosen and schema.find(key) is None]
     return {key: setting for key, setting in advice.items() if key not in lost}

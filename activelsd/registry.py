@@ -88,6 +88,10 @@ class Registry:
             return f"{family}{_FAMILY}"
         return name if name in self._own else None
 
+    def family(self, name: str) -> str:
+        """The name under which a part is listed: that of its family if it has one, else its own."""
+        return self._own_name(name) or name
+
     def knows(self, name: str) -> bool:
         """Whether a part has a name; nothing is imported."""
         return name in self.names() or self._own_name(name) is not None

@@ -310,6 +310,19 @@ def test_speed_switches_are_for_resident_actors(switch: str, actors: str) -> Non
         resolve(["env=modelnet", f"train.{switch}=true", f"train.actors={actors}"])
 
 
+def test_a_trunk_brings_advice_and_the_world_its_own_with_it() -> None:
+    words = ["policy.trunk=timm:resnet18", "policy.trunk.freeze=none"]
+    config = resolve(["env=modelnet", *words])
+    assert (config.policy.certainty, config.train.dropout, config.train.mirror) == (True, 0.5, True)
+    assert (config.env.rules.preset, config.env.rules.move) == ("V5", -0.03)
+    config = resolve(["env=modelnet", *words, "env.rules=V4", "train.dropout=0.1"])
+    assert (config.env.rules.preset, config.env.rules.move, config.train.dropout) == ("V4", None, 0.1)
+    joint = resolve(["env=modelnet,avd", *words])
+    assert joint.policy.certainty
+    assert joint.worlds["modelnet"].rules.preset == "V4"
+    assert not resolve(["env=modelnet"]).policy.certainty
+
+
 def test_advice_for_a_part_is_not_for_another_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(HomeSettings, "advice", {"policy.trunk.features": 24, "train.gamma": 0.5})
     assert resolve(["env=home"]).policy.trunk.own() == {"features": 24}

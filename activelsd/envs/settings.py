@@ -90,6 +90,7 @@ class WorldSettings(Section):
         about: what the world shows and where that comes from, for `activelsd envs`.
         simulated: its views are recorded from a simulator, by `activelsd record`.
         advice: what learns best there, as settings of the run by dotted key; presets and words win over it.
+        advice_with: the same for one trunk, by its name, where the world is the run's only one.
 
     A subclass implements `moves` and `graph`, adds fields of its own, and may override `made_by` and `env`.
     """
@@ -97,6 +98,7 @@ class WorldSettings(Section):
     about: ClassVar[str] = ""
     simulated: ClassVar[bool] = False
     advice: ClassVar[Mapping[str, Any]] = {}
+    advice_with: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
 
     name: str = Field("", description="the world")
     size: int = Field(64, ge=32, le=512, description="side of frames and crops, in pixels")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -53,6 +53,15 @@ class ModelNetSettings(WorldSettings):
     """
 
     about: ClassVar[str] = "embedded shapes (16 classes), or meshes, points or views at env.dataset.path"
+
+    advice_with: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        # Such a trunk names most objects at the first look; without a price the agent looks on for little.
+        "timm:NAME": {
+            "env.rules.preset": "V5",
+            "env.rules.move": -0.03,
+            "env.navigate": ["orbit_cw", "orbit_ccw", "orbit_cw_90", "orbit_ccw_90", "orbit_opposite"],
+        }
+    }
 
     dataset: DatasetSettings = Field(DatasetSettings(), description="the objects")
     azimuths: int = Field(AZIMUTHS, ge=2, le=360, description="cameras of a ring, evenly spaced")
