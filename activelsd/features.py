@@ -14,17 +14,19 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from activelsd.envs.cache import alone, writing
 from activelsd.envs.settings import Progress
 from activelsd.envs.viewgraph import ViewGraph, replace_durably
+from activelsd.errors import DataError
 from activelsd.policy.trunks import ViewTrunk
 from activelsd.train.augment import VARIATION_SIZE, cut
 
@@ -74,13 +76,18 @@ class Pictures:
         if number and self._boxes is not None and len(pictures):
             present = torch.ones(len(pictures), 1)
             target = torch.cat([torch.from_numpy(self._boxes[rows]), present], 1)[:, None]
-            drawn = np.random.default_rng([number, start]).random((len(pictures), VARIATION_SIZE))
-            pictures = cut(pictures, target, torch.from_numpy(drawn).float())
+            pictures = cut(pictures, target, self._drawn(number)[rows])
         if flipped:
             pictures = pictures.flip(-1)
         if len(pictures) < size:  # the end
             pictures = torch.cat([pictures, pictures.new_zeros(1, *self._shape())])
         return pictures
+
+    @lru_cache(maxsize=1)  # noqa: B019  one pass over the pictures asks for the same again and again
+    def _drawn(self, number: int) -> Tensor:
+        """(N, VARIATION_SIZE), how every crop is varied in a cut."""
+        drawn = np.random.default_rng(number).random((len(self._pictures), VARIATION_SIZE), np.float32)
+        return torch.from_numpy(drawn)
 
     def _shape(self) -> tuple[int, ...]:
         one = self._pictures.shape[1:]
@@ -110,10 +117,11 @@ def with_features(
 
     Raises:
         CacheError: the cache cannot be written.
+        DataError: a file of features is damaged.
     """
     if not isinstance(trunk, ViewTrunk) or not trunk.frozen:
         return graph
-    pictures = Pictures(graph, mirror=mirror, cuts=getattr(trunk, "variants", 1) if vary_crops else 1)
+    pictures = Pictures(graph, mirror=mirror, cuts=trunk.variants if vary_crops else 1)
     trunk = trunk.to(device)
     with _shown(progress) as show:
         done, total = 0, len(pictures) * len(pictures.variants)
@@ -125,9 +133,19 @@ def with_features(
                     if not path.exists():
                         report = partial(_report, show, done, total)
                         _compute(path, pictures, variant, trunk, device, report)
-            features.append(np.load(path, mmap_mode="c"))
+            features.append(_loaded(path, len(pictures), trunk))
             done += len(pictures)
     return replace(graph, features=tuple(features))
+
+
+def _loaded(path: Path, rows: int, trunk: ViewTrunk) -> NDArray[np.float16]:
+    try:
+        features: NDArray[np.float16] = np.load(path, mmap_mode="c")
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path} cannot be read ({error}); delete it, and it is made again.") from None
+    if features.shape != (rows, trunk.embedding):
+        raise DataError(f"{path} has {features.shape} features; delete it, and it is made again.")
+    return features
 
 
 def _report(show: Progress, before: int, total: int, done: int) -> None:

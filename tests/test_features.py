@@ -20,6 +20,7 @@ from activelsd.envs.graphenv import ViewGraphEnv, tree_of
 from activelsd.envs.joint import OpenWorld, play_recordings
 from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph
+from activelsd.errors import DataError
 from activelsd.evaluate.players import Trained
 from activelsd.evaluate.protocol import episodes_of, play
 from activelsd.features import with_features
@@ -98,6 +99,15 @@ def test_they_are_made_once_and_again_when_anything_changes(tmp_path: Path) -> N
     with_features(graph, trunk, cache=tmp_path)
     assert Brightness.shown > before
     assert not [path for path in tmp_path.iterdir() if path.suffix != ".npy"]
+
+
+def test_a_damaged_file_is_named(tmp_path: Path) -> None:
+    graph, trunk = ring_graph(), Brightness(1, 16)
+    with_features(graph, trunk, cache=tmp_path)
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(path.read_bytes()[:-10])
+    with pytest.raises(DataError, match=rf"{path.name} cannot be read .* delete it, and it is made again"):
+        with_features(graph, trunk, cache=tmp_path)
 
 
 def test_a_trunk_that_learns_has_none(tmp_path: Path) -> None:

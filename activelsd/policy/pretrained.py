@@ -62,6 +62,7 @@ class TimmTrunk(ViewTrunk):
         super().__init__(frames, width, features, frozen=freeze == "all")
         self._file = None if weights is None else find_weights(Path(weights))
         self._download, self._input, self.rate = download, input or int(config.input_size[-1]), rate
+        self.variants = variants
         for name, values in (("mean", config.mean), ("deviation", config.std)):
             tensor = torch.tensor(values).view(-1, 1, 1)
             self.register_buffer(name, tensor, persistent=False)

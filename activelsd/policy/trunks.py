@@ -132,10 +132,12 @@ class ViewTrunk(nn.Module):
         embedding: F, width of what it finds in a view.
         frozen: whether `embed` stays as it is.
         rate: learning rate of its own weights, the neck's aside, as a fraction of the others'.
+        variants: how many cuts of every crop are recorded to vary it by, the plain one among them.
         free: names of settings in which a network may differ from the one that it starts from.
     """
 
     rate = 1.0
+    variants = 1
     free: tuple[str, ...] = ()
 
     def __init__(self, frames: int, embedding: int, features: int, *, frozen: bool) -> None:

@@ -93,6 +93,7 @@ def test_views_are_seen_one_by_one(weights: Path) -> None:
     found = torch.stack([one.embed(stacked[:, i : i + 1]) for i in range(2)], 1)
     torch.testing.assert_close(two(stacked), two.join(found.half()))
     assert (two(stacked) >= 0).all()
+    assert trunk(weights=str(weights), variants=3).variants == 3
 
 
 def test_statistics_of_pretrained_normalisation_stay(weights: Path) -> None:
