@@ -314,7 +314,7 @@ def test_a_trunk_brings_advice_and_the_world_its_own_with_it() -> None:
     words = ["policy.trunk=timm:resnet18", "policy.trunk.freeze=none"]
     config = resolve(["env=modelnet", *words])
     assert (config.policy.certainty, config.train.dropout, config.train.mirror) == (True, 0.5, True)
-    assert (config.env.rules.preset, config.env.rules.move) == ("V5", -0.015)
+    assert (config.env.rules.preset, config.env.rules.move) == ("V5", -0.03)
     config = resolve(["env=modelnet", *words, "env.rules=V4", "train.dropout=0.1"])
     assert (config.env.rules.preset, config.env.rules.move, config.train.dropout) == ("V4", None, 0.1)
     joint = resolve(["env=modelnet,avd", *words])

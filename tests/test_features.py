@@ -55,8 +55,8 @@ class Brightness(ViewTrunk):
 
 
 @pytest.fixture(autouse=True)
-def _known() -> None:
-    trunks.add("brightness", Brightness)
+def _known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trunks, "_added", {"brightness": Brightness})
 
 
 def found(graph: ViewGraph) -> list[np.ndarray]:  # type: ignore[type-arg]

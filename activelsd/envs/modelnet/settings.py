@@ -58,9 +58,8 @@ class ModelNetSettings(WorldSettings):
         # Such a trunk names most objects at the first look; without a price the agent looks on for little.
         "timm:NAME": {
             "env.rules.preset": "V5",
-            "env.rules.move": -0.015,
+            "env.rules.move": -0.03,
             "env.navigate": ["orbit_cw", "orbit_ccw", "orbit_cw_90", "orbit_ccw_90", "orbit_opposite"],
-            "train.steps": 2_000_000,  # on recorded features, minutes on a core
         }
     }
 
