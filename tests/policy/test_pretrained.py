@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.util
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -197,3 +199,15 @@ def test_meaning_names_the_trunk(weights: Path, tmp_path: Path) -> None:
     save_network(network(weights=str(weights)), tmp_path)
     assert json.loads((tmp_path / MEANING).read_text())["frozen_trunk"].startswith(f"timm:{NET} ")
     shutil.rmtree(tmp_path)
+
+
+def test_without_such_a_trunk_nothing_of_the_extra_is_imported() -> None:
+    code = (
+        "import sys, activelsd.launch, activelsd.contest, activelsd.doctor\n"
+        "from activelsd.envs.actions import ActionTree\n"
+        "from activelsd.policy.lsdnet import LSDNet, NetworkShape\n"
+        "LSDNet(ActionTree.answer_or_move(['a'], ['left']), NetworkShape(size=32))\n"
+        "print(sorted({'timm', 'onnxruntime', 'onnxscript', 'torchvision'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
