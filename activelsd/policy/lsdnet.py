@@ -110,9 +110,9 @@ class Certainty(nn.Module):
     def forward(self, classes: Tensor) -> Tensor:
         """Logits of the classes (..., m) to (..., outputs)."""
         log_p = classes.detach().float().log_softmax(-1)
-        likely = log_p.topk(2, -1).values.exp()
+        likely = log_p.topk(min(2, log_p.shape[-1]), -1).values.exp()
         entropy = -(log_p.exp() * log_p).sum(-1, keepdim=True)
-        sure = torch.cat([likely[..., :1], likely[..., :1] - likely[..., 1:], entropy], -1)
+        sure = torch.cat([likely[..., :1], likely[..., :1] - likely[..., -1:], entropy], -1)
         outputs: Tensor = self.outputs(sure)
         return outputs
 
@@ -208,7 +208,7 @@ class LSDNet(nn.Module):
     @property
     def slow(self) -> dict[str, float]:
         """Names of the parameters that learn slower than the others, with how much slower."""
-        rate = getattr(self.trunk, "rate", 1.0)
+        rate = self.trunk.rate if isinstance(self.trunk, ViewTrunk) else 1.0
         own = [name for name, _ in self.trunk.named_parameters() if not name.startswith("neck.")]
         return {} if rate == 1.0 else {f"trunk.{name}": rate for name in own}
 

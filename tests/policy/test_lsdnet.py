@@ -208,3 +208,25 @@ def test_broken_files_are_one_sentence(tmp_path: Path) -> None:
     (tmp_path / MEANING).write_text(meaning[:30])
     with pytest.raises(RunError, match="is not a network's description"):
         load_network(tmp_path)
+
+
+def test_certainty_steers_by_the_classes_and_does_not_teach_them() -> None:
+    plain, sure = network(), network(certainty=True)
+    sure.load_state_dict(plain.state_dict(), strict=False)
+    observation, first = observed(2, 3), torch.ones(2, 3, dtype=torch.bool)
+    before = plain(observation, plain.initial_state(3), first)
+    output = sure(observation, sure.initial_state(3), first)
+    torch.testing.assert_close(output.logits, before.logits)  # it begins at zero
+    assert sure.certainty is not None
+    with torch.no_grad():
+        sure.certainty.outputs.weight.fill_(1.0)
+    output = sure(observation, sure.initial_state(3), first)
+    branches, classes = len(TREE.branches), TREE.span("classify")
+    named = slice(branches + classes.start, branches + classes.stop)
+    torch.testing.assert_close(output.logits[..., named], before.logits[..., named])
+    assert (output.logits[..., :branches] != before.logits[..., :branches]).all()
+    output.logits[..., :branches].sum().backward()
+    gradient = sure.policy.weight.grad
+    assert gradient is not None
+    assert not gradient[named].any()
+    assert sure.certainty(torch.zeros(2, 1)).isfinite().all()  # of a single class one is sure
