@@ -53,6 +53,12 @@ def listed(sentences: Sequence[str], most: int = 20) -> str:
     return "\n".join([*lines, f"  and {more} more"] if more else lines)
 
 
+def some(names: Sequence[str], most: int = 4) -> str:
+    """The first few names, and how many more there are, for a sentence."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
 def did_you_mean(word: str, known: Iterable[str], otherwise: str | None = None) -> str:
     """The end of a sentence about an unknown word: the closest known word, else `otherwise` or all words."""
     names = list(known)

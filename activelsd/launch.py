@@ -22,7 +22,7 @@ from activelsd.envs.graphenv import tree_of
 from activelsd.envs.joint import OpenWorld, union
 from activelsd.envs.settings import WorldSettings
 from activelsd.envs.viewgraph import SPLITS, ViewGraph
-from activelsd.errors import ConfigError, RunError, UserError
+from activelsd.errors import ConfigError, RunError, UserError, some
 from activelsd.evaluate.compare import measure
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
@@ -168,15 +168,9 @@ def _start_from(checkpoint: Path, run: Run, network: LSDNet, device: str, group:
     )
     notice(
         f"Started from {checkpoint}: kept trunk, memory, value and {len(rows.kept)} of "
-        f"{len(rows.kept) + len(rows.fresh)} rows of the head ({_some(rows.kept)}); "
+        f"{len(rows.kept) + len(rows.fresh)} rows of the head ({some(rows.kept) or 'none'}); "
         f"surroundings {rows.around}; see {INIT}."
     )
-
-
-def _some(names: Sequence[str], most: int = 4) -> str:
-    """The first few names, and how many more there are."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return (", ".join(names[:most]) or "none") + more
 
 
 def _has_checkpoint(run: Run) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd.errors import ConfigError
+from activelsd.errors import ConfigError, some
 
 CLASSIFY = "classify"
 NAVIGATE = "navigate"
@@ -88,7 +88,7 @@ class ActionTree:
         only_self = [leaf for branch, leaf in self.names if (branch, leaf) not in world._index]
         parts = [("only the world has", only_world), ("the world lacks", only_self)]
         return (
-            ", ".join(f"{what} {_some(names)}" for what, names in parts if names)
+            ", ".join(f"{what} {some(names)}" for what, names in parts if names)
             or "they stand in another order"
         )
 
@@ -100,9 +100,3 @@ class ActionTree:
 
     def __repr__(self) -> str:
         return f"ActionTree({', '.join(f'{b}: {n}' for b, n in zip(self.branches, self.sizes, strict=True))})"
-
-
-def _some(names: Sequence[str], most: int = 4) -> str:
-    """The first few names, and how many more there are."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from activelsd.errors import ConfigError, did_you_mean
+from activelsd.errors import ConfigError, did_you_mean, some
 from activelsd.policy.frozen import FrozenNet
 from activelsd.policy.trunks import ViewTrunk
 from activelsd.policy.weights import digest, find_weights, read_weights
@@ -174,9 +174,8 @@ def _fitted(state: Mapping[str, Tensor], net: nn.Module, name: str, file: Path) 
     wrong = [key for key in wanted if key not in state or state[key].shape != wanted[key].shape]
     wrong += [key for key in state if key not in wanted]
     if wrong:
-        more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
         raise ConfigError(
-            f"{file} does not hold the weights of '{name}' ({wrong[0]}{more}); name the file of that net."
+            f"{file} does not hold the weights of '{name}' ({some(wrong, 1)}); name the file of that net."
         )
     return state
 

@@ -15,7 +15,7 @@ from activelsd.envs.thor.scenes import scenes
 from activelsd.envs.thor.settings import THORSettings
 from activelsd.envs.thor.starts import starts
 from activelsd.envs.viewgraph import SPLITS, ViewGraph, join, load_graph
-from activelsd.errors import DataError
+from activelsd.errors import DataError, some
 
 _LOG = logging.getLogger("activelsd")
 
@@ -54,8 +54,8 @@ def _report_empty(scenes: Sequence[str], classes: Sequence[str], others: Sequenc
             f"No scene has any of {', '.join(classes)}; name other types of objects as env.classes."
         )
     if scenes:
-        few = ", ".join(scenes[:3]) + (f" and {len(scenes) - 3} more" if len(scenes) > 3 else "")
-        _LOG.warning("Scenes without any of the objects that are asked for are left out: %s.", few)
+        left_out = some(scenes, 3)
+        _LOG.warning("Scenes without any of the objects that are asked for are left out: %s.", left_out)
 
 
 def _table(parts: Sequence[ViewGraph]) -> ViewGraph:
