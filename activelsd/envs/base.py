@@ -168,10 +168,9 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         """The newest frame as RGB (S, S, 3) in mode `rgb_array`."""
         if self.render_mode is None or not self._seen:
             return None
-        newest = self._seen[-1].frame
-        if newest.ndim == 2:
-            return np.repeat(newest[:, :, None], 3, axis=2)
-        return np.ascontiguousarray(newest.transpose(1, 2, 0))
+        from activelsd.envs.colour import channels_last, in_colour  # playing does without OpenCV
+
+        return np.ascontiguousarray(in_colour(channels_last(self._seen[-1].frame), "rgb"))
 
     def action_mask(self) -> NDArray[np.bool_]:
         """bool (n,): the legal actions; only answers if the rules forbid moves or this action is the last."""
