@@ -129,7 +129,7 @@ def build_actors(config: RunConfig, worlds: Sequence[OpenWorld], device: str) ->
             vary_crops=settings.vary_crops,
             mirror=settings.mirror,
             dropout=settings.dropout,
-            features=graph.features_shape if local and graph.features is not None else None,
+            features=graph.features_shape if local else None,
         )
 
     return ga3c

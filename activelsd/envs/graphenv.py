@@ -42,7 +42,7 @@ class ViewGraphEnv(ActiveVisionEnv):
             frames=frames,
             crops=graph.crops is not None,
             channels=graph.channels,
-            features=None if graph.features is None else graph.features_shape,
+            features=graph.features_shape,
             backend=backend,
             render_mode=render_mode,
         )

@@ -80,7 +80,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
             frames,
             crops=graph.crops is not None,
             channels=graph.channels,
-            features=None if graph.features is None else graph.features_shape,
+            features=graph.features_shape,
         )
         self.single_action_space = gymnasium.spaces.Discrete(self.tree.n)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

@@ -190,10 +190,9 @@ class ViewGraph:
         return self.crops[pair] if pair >= 0 else np.zeros_like(self.frames[0])
 
     @property
-    def features_shape(self) -> tuple[int, int]:
-        """(W, F) of the features: how many variants there are, and how wide they are."""
-        assert self.features is not None
-        return len(self.features), int(self.features[0].shape[1])
+    def features_shape(self) -> tuple[int, int] | None:
+        """(W, F) of the features: how many variants there are, and how wide they are; None without any."""
+        return None if self.features is None else (len(self.features), int(self.features[0].shape[1]))
 
     def features_of(self, view: int, target: int) -> NDArray[np.float16]:
         """(W, F) features of the picture that a trunk is shown of a target in a view."""

@@ -15,7 +15,6 @@ from torch import Tensor
 from activelsd.envs.actions import ActionTree
 from activelsd.errors import RunError
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
-from activelsd.policy.trunks import ViewTrunk
 from activelsd.registry import UnknownPartError
 
 WEIGHTS, MEANING = "network.safetensors", "network.json"
@@ -29,8 +28,8 @@ def save_network(network: LSDNet, folder: Path) -> None:
     """
     save_tensors(network.state_dict(), folder / WEIGHTS)
     meaning: dict[str, Any] = {"actions": network.tree.to_dict(), "shape": asdict(network.shape)}
-    if isinstance(network.trunk, ViewTrunk) and network.trunk.frozen:
-        meaning[_FROZEN] = network.trunk.digest()
+    if network.frozen_trunk is not None:
+        meaning[_FROZEN] = network.frozen_trunk.digest()
     (folder / MEANING).write_text(json.dumps(meaning, indent=1) + "\n", "utf-8")
 
 
@@ -52,10 +51,10 @@ def load_network(folder: Path, device: str | torch.device = "cpu") -> LSDNet:
             f"{folder / MEANING} names the {error.kind} '{error.name}', which is not installed; "
             "install the package that brings it."
         ) from None
-    frozen = meaning.get(_FROZEN)
-    if frozen is not None and isinstance(network.trunk, ViewTrunk) and network.trunk.digest() != frozen:
+    then, trunk = meaning.get(_FROZEN), network.frozen_trunk
+    if then is not None and trunk is not None and trunk.digest() != then:
         raise RunError(
-            f"{folder / MEANING} was trained on the trunk '{frozen}', and '{network.trunk.digest()}' is here;"
+            f"{folder / MEANING} was trained on the trunk '{then}', and '{trunk.digest()}' is here;"
             " put the file of weights that it was trained with in its place."
         )
     tensors = load_tensors(folder / WEIGHTS)

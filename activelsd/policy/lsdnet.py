@@ -183,11 +183,11 @@ class LSDNet(nn.Module):
         views = torch.zeros(2, shape.inputs, shape.size, shape.size, dtype=torch.uint8, device=self.device)
         self.eval()
         with trunks.blaming(shape.trunk, "fails on a blank view"):
-            if isinstance(self.trunk, ViewTrunk) and self.trunk.frozen:
-                # Its net need not be built where all features are recorded.
-                features = self.trunk.join(views.new_zeros(2, shape.frames, self.trunk.embedding))
-            else:
+            frozen = self.frozen_trunk
+            if frozen is None:
                 features = self.trunk(views)
+            else:  # its net need not be built where all features are recorded
+                features = frozen.join(views.new_zeros(2, shape.frames, frozen.embedding))
             if features.shape != (2, self.trunk.features):
                 wanted = f"must return (N, {self.trunk.features}), its `features`"
                 raise trunks.broken(
@@ -206,11 +206,17 @@ class LSDNet(nn.Module):
         self.train()
 
     @property
-    def slow(self) -> dict[str, float]:
-        """Names of the parameters that learn slower than the others, with how much slower."""
-        rate = self.trunk.rate if isinstance(self.trunk, ViewTrunk) else 1.0
-        own = [name for name, _ in self.trunk.named_parameters() if not name.startswith("neck.")]
-        return {} if rate == 1.0 else {f"trunk.{name}": rate for name in own}
+    def frozen_trunk(self) -> ViewTrunk | None:
+        """The trunk, if what it finds in a view never changes; its features may be recorded then."""
+        return self.trunk if isinstance(self.trunk, ViewTrunk) and self.trunk.frozen else None
+
+    @property
+    def slow(self) -> list[str]:
+        """Names of the parameters that learn at the trunk's own rate, a `ViewTrunk`'s but for its neck."""
+        if not isinstance(self.trunk, ViewTrunk):
+            return []
+        own = (name for name, _ in self.trunk.named_parameters() if not name.startswith("neck."))
+        return [f"trunk.{name}" for name in own]
 
     @property
     def pictures(self) -> tuple[str, ...]:

@@ -55,7 +55,7 @@ class Learner:
         self._broken = torch.zeros(losses, dtype=torch.bool, device=network.device)
         groups: list[dict[str, Any]] = [{"params": list((trained | own).values()), "share": 1.0}]
         if slow:
-            groups.append({"params": list(slow.values()), "share": next(iter(network.slow.values()))})
+            groups.append({"params": list(slow.values()), "share": network.trunk.rate})
         rate, eps = settings.learning_rate, settings.optimiser_epsilon
         graph = network.device.type == "cuda"  # steps are then counted on the device, as a CUDA graph needs
         self.optimiser: torch.optim.Optimizer
