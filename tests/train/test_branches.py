@@ -56,9 +56,10 @@ def train(folder: Path, make: MakeActors, settings: TrainSettings) -> dict[str, 
 
 @pytest.mark.parametrize("kind", ["resident", "threads"])
 def test_it_learns_moves_of_the_second_branch(kind: str, tmp_path: Path) -> None:
-    settings = settings_of(vtrace=kind == "threads")
+    threads = kind == "threads"  # whose agents lag behind the learner, on a busy machine more
+    settings = settings_of(vtrace=threads, steps=45_000 if threads else 30_000)
     make = on_recordings([OpenWorld("rings", GRAPH, RULES)], settings, frames=1)
-    if kind == "threads":
+    if threads:
         chosen = GA3CSettings(kind="threads", agents=2, envs_per_agent=16)
 
         def make(network: Any, seed: int) -> GA3CActors:
@@ -66,7 +67,7 @@ def test_it_learns_moves_of_the_second_branch(kind: str, tmp_path: Path) -> None
             return GA3CActors(env, network, chosen, settings.length, seed, mirror=True)
 
     last = train(tmp_path, make, settings)
-    assert last["accuracy"] > 0.6  # from the ring where episodes begin, no more than 1/3
+    assert last["accuracy"] > 0.7  # from the ring where episodes begin, no more than 1/3
     assert last["views"] > 1.5
     assert last["accuracy_at_first_view"] < 0.5
     network = load_network(Run.newest(tmp_path).checkpoint)
