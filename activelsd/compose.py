@@ -220,19 +220,28 @@ def _worlds_advice(layers: Mapping[str, Setting], members: Mapping[str, str]) ->
     for kind in kinds:
         for key, value in registry.worlds.get(kind).advice.items():
             advice.setdefault(key, Setting(value, f"the advice of the world {kind}"))
-    trunk = layers.get("policy.trunk.kind") or layers.get("policy.trunk")
-    if trunk is not None and registry.trunks.knows(str(trunk.value)):
-        name = str(trunk.value)
-        own = dict(getattr(registry.trunks.settings(name), "advice", {}))
-        if named is not None and not members:  # a world's settings have other keys in a joint run
-            own |= registry.worlds.get(kinds[0]).advice_with.get(registry.trunks.family(name), {})
-        for key, value in own.items():
-            group = key.rpartition(".")[0]
-            if not {group, f"{group}.preset"} & layers.keys():  # another row of rules is meant as it is
-                advice.setdefault(key, Setting(value, f"the advice for the trunk {name}"))
+    # A world's settings have other keys in a joint run.
+    advice = _trunks_advice(layers, None if members or not kinds else kinds[0]) | advice
     schema, chosen = Schema(RunConfig, {**advice, **layers}), {key.removesuffix(".kind") for key in layers}
     lost = [key for key in advice if key.rpartition(".")[0] in chosen and schema.find(key) is None]
     return {key: setting for key, setting in advice.items() if key not in lost}
+
+
+def _trunks_advice(layers: Mapping[str, Setting], world: str | None) -> dict[str, Setting]:
+    """What is advised with the trunk that the layers name, and for it in a world that is the only one."""
+    named = layers.get("policy.trunk.kind") or layers.get("policy.trunk")
+    if named is None or not registry.trunks.knows(str(named.value)):
+        return {}
+    trunk = str(named.value)
+    advice = dict(getattr(registry.trunks.settings(trunk), "advice", {}))
+    if world is not None:
+        advice |= registry.worlds.get(world).advice_with.get(registry.trunks.family(trunk), {})
+    settings = {}
+    for key, value in advice.items():
+        group = key.rpartition(".")[0]
+        if not {group, f"{group}.preset"} & layers.keys():  # another row of rules is meant as it is
+            settings[key] = Setting(value, f"the advice for the trunk {trunk}")
+    return settings
 
 
 def _members(layers: Mapping[str, Setting]) -> dict[str, str]:
