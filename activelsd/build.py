@@ -17,7 +17,7 @@ from activelsd.envs.settings import WorldSettings
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
 from activelsd.features import with_features
-from activelsd.policy.lsdnet import LSDNet, NetworkShape, make_trunk
+from activelsd.policy.lsdnet import LSDNet, NetworkShape, make_trunk, sees_by_view
 from activelsd.policy.settings import PolicySettings
 from activelsd.train.actors.ga3c.ga3c_actors import GA3CActors
 from activelsd.train.actors.ga3c.process import EnvSpec
@@ -43,7 +43,7 @@ def add_features(
     worlds: Sequence[OpenWorld],
     settings: Mapping[str, WorldSettings],
     shape: NetworkShape,
-    train: TrainSettings | None = None,
+    train: TrainSettings,
     *,
     device: str = "cpu",
     progress: Callable[[str], Any] | None = None,
@@ -54,21 +54,21 @@ def add_features(
         worlds: open.
         settings: of the worlds, by name.
         shape: of the network.
-        train: how they are varied in training; None to see them as they are.
+        train: how they are varied in training.
         device: to compute them on.
         progress: makes the callback of a progress line, given what is done.
     """
+    if not sees_by_view(shape.trunk):  # it need not be made to know that it has no features
+        return list(worlds)
     trunk = make_trunk(shape)
-    vary = train is not None and train.vary_crops and shape.crops
-    mirror = train is not None and train.mirror
     return [
         world._replace(
             graph=with_features(
                 world.graph,
                 trunk,
                 cache=settings[world.name].cache_folder,
-                mirror=mirror,
-                vary_crops=vary,
+                mirror=train.mirror,
+                vary_crops=train.vary_crops and shape.crops,
                 device=device,
                 progress=progress,
             )

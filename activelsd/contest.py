@@ -81,24 +81,23 @@ def _play(
     networks = [load_network(run.checkpoint, device) for run in runs]
     playing = _playing(names, configs)
     graphs: dict[str, ViewGraph] = {}
+    featured: dict[tuple[str, str], ViewGraph] = {}
     comparisons: list[Comparison] = []
     written: list[Path] = []
     for world, players in playing.items():
         entrants = []
         for i, settings in players.items():
-            views = settings.model_dump_json()
+            views, trunk = settings.model_dump_json(), networks[i].frozen_trunk
             if views not in graphs:  # runs of the same world share its views
                 with progress("Preparing views") as show:
                     graphs[views] = settings.open(show)
+            seen = views, "" if trunk is None else trunk.digest()
+            if seen not in featured:  # and those of the same trunk its features
+                featured[seen] = with_features(
+                    graphs[views], trunk, cache=settings.cache_folder, device=device, progress=progress
+                )
             joint = len(configs[i].worlds) > 1
-            graph = with_features(
-                graphs[views],
-                networks[i].trunk,
-                cache=settings.cache_folder,
-                device=device,
-                progress=progress,
-            )
-            entrants.append(_entrant(names[i], networks[i], world, settings, graph, joint=joint))
+            entrants.append(_entrant(names[i], networks[i], world, settings, featured[seen], joint=joint))
         with progress("Playing episodes") as show:
             comparison = compare(
                 entrants,

@@ -11,7 +11,7 @@ import hashlib
 import io
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -213,5 +213,5 @@ def _header(shape: tuple[int, int]) -> bytes:
 
 def recorded_size(cache: Path) -> tuple[int, int]:
     """Number of the feature files in a cache, and their bytes."""
-    files: Sequence[Path] = sorted(cache.glob("features-*.npy")) if cache.is_dir() else []
-    return len(files), sum(path.stat().st_size for path in files)
+    sizes = [path.stat().st_size for path in cache.glob("features-*.npy")]
+    return len(sizes), sum(sizes)

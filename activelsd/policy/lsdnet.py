@@ -117,6 +117,12 @@ class Certainty(nn.Module):
         return outputs
 
 
+def sees_by_view(trunk: str) -> bool:
+    """Whether the trunk of a name is a `ViewTrunk`."""
+    part = registry.trunks.get(trunk)
+    return isinstance(part, type) and issubclass(part, ViewTrunk)
+
+
 def make_trunk(shape: NetworkShape) -> Any:
     """The trunk of a network's shape, with fresh weights where it is trained.
 
@@ -125,9 +131,8 @@ def make_trunk(shape: NetworkShape) -> Any:
     """
     make = registry.trunks.get(shape.trunk)
     with registry.trunks.blaming(shape.trunk, "cannot be made"):
-        if isinstance(make, type) and issubclass(make, ViewTrunk):
-            by_view: Any = make
-            trunk = by_view(shape.channels, shape.size, frames=shape.frames, **shape.trunk_settings)
+        if sees_by_view(shape.trunk):
+            trunk = make(shape.channels, shape.size, frames=shape.frames, **shape.trunk_settings)
         else:
             trunk = make(shape.inputs, shape.size, **shape.trunk_settings)
         trunk.features = int(trunk.features)
