@@ -19,6 +19,7 @@ from activelsd.envs.settings import WorldSettings
 from activelsd.errors import ConfigError
 from activelsd.presets import groups
 from activelsd.sections import Schema, Setting, dump
+from activelsd.train.settings import EpsilonAnneal
 
 ALL_PRESETS = [(group, name) for group, names in groups().items() for name in names]
 
@@ -58,9 +59,25 @@ def test_paper_experiment_keeps_the_papers_values() -> None:
     parts = (policy.trunk.kind, policy.memory.kind, policy.frames, policy.head)
     assert parts == ("alexnet", "stack", 3, "tree")
     assert (train.gamma, train.length, train.reward_clip, train.clip_norm) == (0.5, 10, 1.0, None)
-    assert (train.optimiser, train.learning_rate, train.optimiser_epsilon) == ("rmsprop", 3e-4, 0.1)
+    assert (train.optimiser, train.learning_rate, train.optimiser_epsilon) == ("tf_rmsprop", 3e-4, 0.1)
     assert train.terms == {"supervised": 0}
     assert train.entropy_leaf.start == train.entropy_leaf.end == 0.01
+
+
+def test_the_authors_preset_differs_from_the_papers_where_their_code_does() -> None:
+    paper, authors = (resolve([f"experiment={name}"]) for name in ("paper", "authors"))
+    changed = {"gamma": 0.99, "steps": 25_000_000}
+    changed |= {f"epsilon_{level}": EpsilonAnneal(start=0, end=0) for level in ("branch", "leaf")}
+    assert authors.train == paper.train.model_copy(update=changed)
+    assert authors.policy == paper.policy.model_copy(update={"head": "flat"})
+    assert authors.env == paper.env
+
+
+def test_the_authors_seventh_variant_ranks_both_moves_beside_the_answer() -> None:
+    words = "policy.head=tree env.navigate=orbit_cw env.branches.ccw=orbit_ccw"
+    config = resolve(["experiment=authors", *words.split()])
+    assert isinstance(config.env, WorldSettings)
+    assert config.env.move_branches == {"navigate": ("orbit_cw",), "ccw": ("orbit_ccw",)}
 
 
 def test_last_layer_wins(tmp_path: Path) -> None:
@@ -129,7 +146,7 @@ def test_other_half_of_a_nested_default_stays() -> None:
         ),
         ("zzz=1", "zzz is not a setting; --dry-run lists all there are."),
         ("policy=pper", "There is no policy preset 'pper'; did you mean paper?"),
-        ("policy=zzz", "There is no policy preset 'zzz'; there are default, paper, paper_lstm."),
+        ("policy=zzz", "There is no policy preset 'zzz'; there are authors, default, paper, paper_lstm."),
         ("experiment=dem", "There is no experiment preset 'dem'; did you mean demo?"),
         ("experiment=none.yaml", "none.yaml cannot be read (No such file or directory); name another file."),
         ("train.learning_rate=abc", "train.learning_rate=abc: must be a number."),

@@ -10,6 +10,9 @@ from torch import Tensor
 
 from activelsd.envs.actions import CLASSIFY, ActionTree
 
+LEAST = 1e-6
+"""Probabilities below this count as this in a logarithm, as in GA3C (its `LOG_EPSILON`)."""
+
 
 class Epsilon(NamedTuple):
     """Probability of a uniformly random choice at each level of the tree, as floats or scalar tensors."""
@@ -35,10 +38,10 @@ class ActionDistribution:
     probs: Tensor
 
     def log_prob(self, actions: Tensor) -> Tensor:
-        """(...) log-probability of int64 actions (...)."""
+        """(...) log-probability of int64 actions (...), cut at that of `LEAST`."""
         likely = self.probs.gather(-1, actions[..., None]).squeeze(-1)
         # An action that another policy drew may have probability 0 here; the clamp stops its gradient.
-        return likely.clamp(min=torch.finfo(likely.dtype).tiny).log()
+        return likely.clamp(min=LEAST).log()
 
     def sample(self, generator: torch.Generator | None = None) -> Tensor:
         """(...) int64 actions drawn from the distribution.

@@ -12,6 +12,7 @@ from activelsd import registry
 from activelsd.errors import RunError
 from activelsd.policy.lsdnet import LSDNet, Output, joined
 from activelsd.train.losses import Losses, Weights, a3c_losses, n_step_returns
+from activelsd.train.optimisers import TFRMSprop, make_optimiser
 from activelsd.train.parallel import ALONE, Group
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import Annealed, TrainSettings
@@ -56,13 +57,8 @@ class Learner:
         groups: list[dict[str, Any]] = [{"params": list((trained | own).values()), "share": 1.0}]
         if slow:
             groups.append({"params": list(slow.values()), "share": network.trunk.rate})
-        rate, eps = settings.learning_rate, settings.optimiser_epsilon
-        graph = network.device.type == "cuda"  # steps are then counted on the device, as a CUDA graph needs
-        self.optimiser: torch.optim.Optimizer
-        if settings.optimiser == "adam":
-            self.optimiser = torch.optim.Adam(groups, lr=rate, eps=eps, capturable=graph)
-        else:
-            self.optimiser = torch.optim.RMSprop(groups, lr=rate, alpha=0.99, eps=eps, capturable=graph)
+        # A CUDA graph needs steps to be counted on the device.
+        self.optimiser = make_optimiser(groups, settings, capturable=network.device.type == "cuda")
 
     def update(self, rollout: Rollout, now: Annealed) -> dict[str, Tensor]:
         """One optimiser step.
@@ -83,6 +79,8 @@ class Learner:
         norm = torch.nn.utils.clip_grad_norm_(parameters, self.settings.clip_norm or torch.inf, foreach=True)
         for group in self.optimiser.param_groups:
             group["lr"] = now.learning_rate * group["share"]
+        if isinstance(self.optimiser, TFRMSprop) and self.settings.loss == "sum":
+            self.optimiser.trajectories = self._group.total(trajectories(rollout))
         self.optimiser.step()
         return {f"loss/{name}": value.detach() for name, value in losses.items()} | {"gradient": norm}
 
@@ -101,7 +99,9 @@ class Learner:
         return joined(passes)
 
     def losses(self, rollout: Rollout, now: Annealed) -> dict[str, Tensor]:
-        """The losses by name, `total` their weighted sum, with their graph.
+        """The losses by name, means over the steps, and `total`, with their graph.
+
+        `total` is their weighted sum, times the number of steps if `train.loss` is `sum`.
 
         Raises:
             BrokenPartError: a term of another package fails, or one does not return a scalar.
@@ -136,6 +136,8 @@ class Learner:
                 found = f"a tensor {tuple(loss.shape)}" if isinstance(loss, Tensor) else type(loss).__name__
                 raise registry.terms.broken(name, f"returns {found} and must return a scalar")
             total = total + settings.terms[name] * loss
+        if settings.loss == "sum":  # over the episodes of all processes, whose gradients are averaged
+            total = total * (rollout.first.numel() * self._group.size)
         return losses | {"total": total}
 
     def broken_terms(self) -> list[str]:
@@ -173,6 +175,12 @@ class Learner:
             else:
                 slots.setdefault(names.index(parameter), {})[key] = value
         self.optimiser.load_state_dict({**self.optimiser.state_dict(), "state": slots})
+
+
+def trajectories(rollout: Rollout) -> Tensor:
+    """How many trajectories GA3C would make of a rollout: it cuts them at ends of episodes too."""
+    ended = rollout.terminated | rollout.truncated
+    return ended.sum() + (~ended[-1]).sum()
 
 
 def _terms_of(names: Iterable[str]) -> str:

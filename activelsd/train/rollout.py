@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from torch import Tensor
 
@@ -36,3 +37,21 @@ class Rollout:
     behaviour: Tensor | None = None
     nearer: Tensor | None = None  # (L, B, n) bool, moves on the shortest way to a good look; None: unknown
     output: Output | None = None  # of the acting pass, (L, B, ...), with its graph
+
+    def columns(self, place: slice) -> Rollout:
+        """The rollout of some of its episodes; views of the same tensors."""
+        own: dict[str, Any] = {}
+        for name in (field.name for field in fields(self)):
+            value = getattr(self, name)
+            if name == "bootstrap":
+                own[name] = value[place]
+            elif name == "observation":
+                own[name] = {part: one[:, place] for part, one in value.items()}
+            elif name == "state":
+                own[name] = {part: one[place] for part, one in value.items()}
+            elif name == "output" and value is not None:
+                parts = (value.logits[:, place], value.value[:, place], value.features[:, place])
+                own[name] = Output(*parts, {part: one[place] for part, one in value.state.items()})
+            elif name != "epsilon" and value is not None:
+                own[name] = value[:, place]
+        return replace(self, **own)

@@ -137,6 +137,13 @@ class TrainSettings(BaseModel):
     )
     length: int = Field(5, ge=1, description="steps of a rollout, the n of n-step returns")
 
+    trajectories: int | None = Field(
+        None,
+        ge=1,
+        description="resident: episodes whose steps an update learns from, one update after the other, as in"
+        " GA3C; null: all that are played side by side",
+    )
+
     gamma: float = Field(0.98, ge=0, le=1, description="discount per action")
     reward_clip: float | None = Field(None, gt=0, description="clip rewards to plus or minus this")
     bootstrap_at_limit: bool = Field(
@@ -158,7 +165,12 @@ class TrainSettings(BaseModel):
     epsilon_leaf: EpsilonAnneal = Field(EpsilonAnneal(start=0.3, end=0.02), description="random leaf")
     anneal: float = Field(0.6, gt=0, le=1, description="share of the steps over which these are annealed")
 
-    optimiser: Literal["adam", "rmsprop"] = Field("adam", description="which optimiser")
+    loss: Literal["mean", "sum"] = Field(
+        "mean", description="losses are averaged over the steps of an update, or summed, as in GA3C"
+    )
+    optimiser: Literal["adam", "rmsprop", "tf_rmsprop"] = Field(
+        "adam", description="which optimiser; tf_rmsprop: TensorFlow 1's form, as in GA3C"
+    )
     optimiser_epsilon: float = Field(1e-5, gt=0, description="the optimiser's guard against division by zero")
     learning_rate: float = Field(2e-3, gt=0, description="step size at the start")
     decay: bool = Field(True, description="let the step size fall linearly to zero")

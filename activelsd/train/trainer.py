@@ -12,6 +12,7 @@ from types import FrameType
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from activelsd.envs.actions import ActionTree
 from activelsd.errors import ConfigError, RunError, TrainingError
@@ -24,6 +25,7 @@ from activelsd.train.cudagraph import GraphedUpdate
 from activelsd.train.learner import Learner
 from activelsd.train.logging import Logger, open_loggers
 from activelsd.train.parallel import ALONE, Group
+from activelsd.train.rollout import Rollout
 from activelsd.train.run import Run
 from activelsd.train.settings import Annealed, TrainSettings
 from activelsd.train.statistics import Counts, Statistics, counts
@@ -139,12 +141,32 @@ class Trainer:
         self.step += update.steps * self._group.size
 
     def _play_and_learn(self, now: Annealed) -> Counts:
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=self.settings.amp):
-            rollout = self.actors.collect(Epsilon(now.epsilon_branch, now.epsilon_leaf))
-            if rollout.output is None:
-                rollout = replace(rollout, output=self.learner.output(rollout))
-        losses = self.learner.update(rollout, now)
+        # With several updates, the weights of all but the first are others than those that acted.
+        several = self.settings.trajectories if isinstance(self.actors, ResidentActors) else None
+        with self._precision(), torch.set_grad_enabled(several is None):
+            rollout = self._with_output(self.actors.collect(Epsilon(now.epsilon_branch, now.epsilon_leaf)))
+        if several is None:
+            losses = self.learner.update(rollout, now)
+        else:
+            losses = self._learn_in_turn(replace(rollout, output=None), several, now)
         return counts(rollout, self.network, losses, self.actors.places)
+
+    def _learn_in_turn(self, rollout: Rollout, several: int, now: Annealed) -> dict[str, Tensor]:
+        """An update for every so many columns; returns the means of their losses."""
+        each = []
+        for start in range(0, rollout.first.shape[1], several):
+            part = rollout.columns(slice(start, start + several))
+            with self._precision():
+                part = self._with_output(part)
+            each.append(self.learner.update(part, now))
+        return {name: torch.stack([losses[name] for losses in each]).mean() for name in each[0]}
+
+    def _with_output(self, rollout: Rollout) -> Rollout:
+        """The rollout with the network's pass."""
+        return rollout if rollout.output else replace(rollout, output=self.learner.output(rollout))
+
+    def _precision(self) -> torch.autocast:
+        return torch.autocast(self._device.type, torch.bfloat16, enabled=self.settings.amp)
 
     def _passed(self, before: int, every: int) -> bool:
         return before // every != self.step // every or self.step >= self.settings.steps

@@ -35,6 +35,7 @@ pytestmark = [  # of PyTorch about itself
     pytest.mark.filterwarnings("ignore:TensorFloat32 tensor cores"),
     pytest.mark.filterwarnings("ignore:.torch.jit.script_method. is deprecated"),
 ]
+GA3CS = {"optimiser": "tf_rmsprop", "optimiser_epsilon": 0.1, "loss": "sum", "trajectories": 4}
 RICH = {"mirror": True, "dropout": 0.5, "terms": {"supervised": 1.0, "guided": 0.5}}
 
 
@@ -108,7 +109,7 @@ def test_a_graph_is_for_one_process(tmp_path: Path) -> None:
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("changed", [{}, RICH, {"amp": True}, {"optimiser": "rmsprop"}], ids=str)
+@pytest.mark.parametrize("changed", [{}, RICH, {"amp": True}, {"optimiser": "rmsprop"}, GA3CS], ids=str)
 @pytest.mark.parametrize("world", ["rings", "rooms"])
 def test_an_update_waits_for_nothing(tmp_path: Path, world: str, changed: dict[str, Any]) -> None:
     made, counted = trainer(tmp_path, WORLDS[world], "cuda", cuda_graphs=False, **changed), Statistics()
@@ -129,6 +130,7 @@ def test_an_update_waits_for_nothing(tmp_path: Path, world: str, changed: dict[s
         {},
         RICH,
         {"optimiser": "rmsprop"},
+        GA3CS,
         {"amp": True},
         pytest.param({"compile": True}, marks=[COMPILED, pytest.mark.slow]),
         pytest.param({"compile": True, "amp": True}, marks=[COMPILED, pytest.mark.slow]),
@@ -150,7 +152,7 @@ def test_a_graph_does_what_its_kernels_do(tmp_path: Path, changed: dict[str, Any
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("changed", [{}, {"optimiser": "rmsprop"}], ids=str)
+@pytest.mark.parametrize("changed", [{}, {"optimiser": "rmsprop"}, GA3CS], ids=str)
 def test_a_run_of_graphs_resumes(tmp_path: Path, changed: dict[str, Any]) -> None:
     whole = trainer(tmp_path / "whole", RINGS, "cuda", **changed)
     halved = trainer(tmp_path / "halved", RINGS, "cuda", **changed)

@@ -26,7 +26,6 @@ from activelsd.train.settings import TrainSettings
 from activelsd.train.statistics import Statistics, counts
 from activelsd.train.trainer import Trainer
 from tests.graphs import ring_graph, room_graph
-from tests.rollouts import columns
 
 METRICS = ("reward", "accuracy", "views", "navigate", "accuracy_at_first_view", "policy_entropy_loss")
 RINGS = replace(ring_graph(objects=12, classes=3, telling=(3, 4, 5)), classes=("bed", "cup", "vase"))
@@ -78,7 +77,7 @@ def test_each_world_is_counted_by_itself(tmp_path: Path) -> None:
         rollout = playing.actors.collect(Epsilon(0.5, 0.5))
         together.add(counts(rollout, playing.network, {}, places))
         for name, place in places.items():
-            alone[name].add(counts(columns(rollout, place), playing.network, {}, {}))
+            alone[name].add(counts(rollout.columns(place), playing.network, {}, {}))
     metrics = together.read()
     for name, statistics in alone.items():
         for metric, value in statistics.read().items():

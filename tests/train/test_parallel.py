@@ -56,13 +56,16 @@ def torchrun(*words: str, processes: int = 2) -> subprocess.Popen[str]:
     )
 
 
-def test_two_processes_learn_what_one_does_from_twice_the_episodes(tmp_path: Path) -> None:
-    running = torchrun(str(TOP / "tests/train/two_learners.py"), str(tmp_path))
+@pytest.mark.parametrize("changed", [{}, {"loss": "sum", "optimiser": "tf_rmsprop"}], ids=str)
+def test_two_processes_learn_what_one_does_from_twice_the_episodes(
+    tmp_path: Path, changed: dict[str, str]
+) -> None:
+    running = torchrun(str(TOP / "tests/train/two_learners.py"), str(tmp_path), json.dumps(changed))
     _, error = running.communicate(timeout=120)
     assert running.returncode == 0, error
     network, rollout = some_rollout()
     before = {name: value.clone() for name, value in network.state_dict().items()}
-    learner = Learner(network, TrainSettings())
+    learner = Learner(network, TrainSettings(**changed))
     for progress in UPDATES:
         learner.update(rollout, learner.settings.at(progress))
     for name, value in load_network(tmp_path).state_dict().items():

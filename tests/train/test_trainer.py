@@ -29,6 +29,8 @@ from activelsd.train.settings import TrainSettings
 from activelsd.train.trainer import Trainer
 from tests.graphs import ring_graph
 
+GA3CS = {"optimiser": "tf_rmsprop", "optimiser_epsilon": 0.1, "loss": "sum", "trajectories": 4}
+
 
 def trainer(
     run: Run,
@@ -76,7 +78,9 @@ def test_a_seed_repeats_a_run_and_another_does_not(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("memory", ["stack", "lstm", "pool"])
-@pytest.mark.parametrize("changed", [{"optimiser": "rmsprop"}, {"dropout": 0.5}, {"amp": True}], ids=str)
+@pytest.mark.parametrize(
+    "changed", [{"optimiser": "rmsprop"}, GA3CS, {"dropout": 0.5}, {"amp": True}], ids=str
+)
 def test_resume_goes_on_to_the_bit(tmp_path: Path, memory: str, changed: dict[str, Any]) -> None:
     whole, halved = new_run(tmp_path, "whole"), new_run(tmp_path, "halved")
     trainer(whole, memory, **changed).train()

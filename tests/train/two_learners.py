@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -9,14 +10,13 @@ from activelsd.policy.checkpoint import save_network
 from activelsd.train.learner import Learner
 from activelsd.train.parallel import Group, leave
 from activelsd.train.settings import TrainSettings
-from tests.rollouts import columns
 from tests.train.test_parallel import UPDATES, some_rollout
 
 group = Group.joined("cpu")
 network, rollout = some_rollout()
-learner = Learner(network, TrainSettings(), group)
+learner = Learner(network, TrainSettings(**json.loads(sys.argv[2])), group)
 half = rollout.first.shape[1] // group.size
-mine = columns(rollout, slice(group.rank * half, (group.rank + 1) * half))
+mine = rollout.columns(slice(group.rank * half, (group.rank + 1) * half))
 for progress in UPDATES:
     learner.update(mine, learner.settings.at(progress))
 if group.rank == 0:
