@@ -54,6 +54,18 @@ def test_alexnet_has_the_papers_layers() -> None:
     assert (features >= 0).all()
 
 
+def test_alexnet_begins_as_ga3cs_networks_do() -> None:
+    """Weights and biases uniform in plus and minus 1 / sqrt(inputs of a unit)."""
+    torch.manual_seed(0)
+    for layer in AlexNet(3, 63).modules():
+        if isinstance(layer, nn.Conv2d | nn.Linear):
+            bound = layer.weight[0].numel() ** -0.5
+            assert layer.bias is not None
+            for values in (layer.weight.detach(), layer.bias.detach()):
+                assert 0.9 * bound < float(values.abs().max()) <= bound
+                assert float(values.std()) == pytest.approx(bound / 3**0.5, rel=0.15)  # of a uniform one
+
+
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
 def test_blocks_are_pixels_unshuffled(channels: int, layout: torch.memory_format) -> None:

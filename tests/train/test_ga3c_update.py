@@ -144,34 +144,35 @@ def test_the_reference_has_the_gradient_of_the_learners_loss() -> None:
             np.testing.assert_allclose(parameter.grad.numpy(), total, rtol=1e-3, atol=1e-4, err_msg=name)
 
 
-@pytest.mark.parametrize("rules", ["V0", "V6"])
-def test_parameters_move_as_far_as_in_ga3c_and_the_same_way(rules: str) -> None:
-    """Over some thousand episodes, from the first on; GA3C makes an update for every trajectory.
+def movement(rules: str, trajectories: int) -> tuple[np.ndarray, np.ndarray]:
+    """How the parameters move in 12,800 steps, with so many trajectories an update, and by the reference.
 
-    The preset's four updates for 32 agents together are as near as these bounds; one would not be: its steps
-    are up to a third shorter, as the value overshoots and the mean square grows with it.
+    The trajectories are those that the learner's network plays.
     """
     network = small()
     learner, ours = Learner(network, PAPER), reference(network, PAPER)
-    actors = actors_for(network, rules, PAPER.envs)
-    start, episodes = flat(weights(network)), 0
+    actors, start = actors_for(network, rules, PAPER.envs), flat(weights(network))
     for _ in range(40):
         with torch.no_grad():
             rollout = replace(actors.collect(Epsilon(0.1, 0.1)), output=None)
         for one in cut(rollout):
             ours.update(one)
-        assert PAPER.trajectories is not None
-        for first in range(0, PAPER.envs, PAPER.trajectories):
-            learner.update(rollout.columns(slice(first, first + PAPER.trajectories)), PAPER.at(0.0))
-        episodes += int((rollout.terminated | rollout.truncated).sum())
-    found, expected = flat(weights(network)) - start, flat(ours.p) - start
-    assert episodes > 3000
+        for first in range(0, PAPER.envs, trajectories):
+            learner.update(rollout.columns(slice(first, first + trajectories)), PAPER.at(0.0))
+    return flat(weights(network)) - start, flat(ours.p) - start
+
+
+@pytest.mark.parametrize("rules", ["V0", "V6"])
+def test_parameters_move_as_far_as_in_ga3c_and_the_same_way(rules: str) -> None:
+    """From the first episode on. GA3C makes an update for every trajectory, the preset one for several."""
+    assert PAPER.trajectories is not None
+    found, expected = movement(rules, PAPER.trajectories)
     assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(expected), rel=0.2)
     assert np.linalg.norm(found - expected) < 0.2 * np.linalg.norm(expected)
 
 
-def test_a_mean_over_all_moves_some_three_hundred_times_less() -> None:
-    """What this preset once did: one update for 320 steps by their mean."""
+def test_a_mean_over_all_moves_about_a_hundred_times_less() -> None:
+    """What this preset once did: the gradient is 320 times smaller, and epsilon outside the root 3 times."""
     network = small()
     rollout = actors_for(network, "V0", PAPER.envs).collect(Epsilon(0.1, 0.1))
     moved = []
@@ -184,7 +185,7 @@ def test_a_mean_over_all_moves_some_three_hundred_times_less() -> None:
         start = flat(weights(network))
         learner.update(replace(rollout, output=None), PAPER.at(0.0))
         moved.append(float(np.linalg.norm(flat(weights(network)) - start)))
-    assert moved[0] > 100 * moved[1]
+    assert moved[0] > 80 * moved[1]
 
 
 def test_an_update_of_ga3cs_agents_is_a_trajectory() -> None:
