@@ -36,7 +36,7 @@ def in_mirror(move: str) -> str:
 def kept(features: tuple[int, ...], dropout: float, generator: torch.Generator) -> Tensor:
     """Dropout's factors: 0 for a share of `dropout`, 1 / (1 - dropout) for the rest (Srivastava 2014)."""
     drawn = torch.rand(features, generator=generator, device=generator.device)
-    return (drawn >= dropout) / (1 - dropout)
+    return drawn.ge_(dropout).mul_(1 / (1 - dropout))
 
 
 class Variation:
