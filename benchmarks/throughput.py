@@ -12,6 +12,8 @@ All take turns, each in its own process (GA3C's agents wait at a full training q
 slower machine slows all of them. CPU time is that of the contestant's main process, without the environments
 in GA3C's processes.
 
+`--policy paper` measures AlexNet at 224 px as `train=paper` trains it, by itself and with resident actors.
+
 With `--trunk timm:NAME --weights FILE` the trainer also plays on recorded features of that trunk, and the
 network alone learns from them; their values are made up, which changes no time.
 
@@ -33,6 +35,7 @@ import numpy as np
 import torch
 from rates import MakeStep, Rate, Step, in_processes, in_turns
 
+from activelsd.compose import resolve
 from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
 from activelsd.envs.joint import OpenWorld
@@ -71,13 +74,13 @@ A2C_FAST = f"{A2C}, this trunk"
 
 
 @cache
-def graph(features: int | None = None) -> ViewGraph:
+def graph(size: int = 64, features: int | None = None) -> ViewGraph:
     """The recorded views of the benchmark's world, with made-up features of that width if it is given."""
     if features is not None:
-        plain = graph()
+        plain = graph(size)
         drawn = np.random.default_rng(0).random((len(plain.frames) + 1, features)).astype(np.float16)
         return replace(plain, features=(drawn,))
-    return world_settings("modelnet", WORLD).open()
+    return world_settings("modelnet", WORLD | {"size": size}).open()
 
 
 def embedding(shape: NetworkShape) -> int | None:
@@ -164,7 +167,7 @@ def trainer(
 ) -> Iterator[Step]:
     """Gives a function that runs one update of the trainer."""
     if actors == "resident":
-        world = OpenWorld("modelnet", graph(embedding(shape)), PRESETS["V4"])
+        world = OpenWorld("modelnet", graph(shape.size, embedding(shape)), PRESETS["V4"])
         make_actors = on_recordings([world], settings, frames=shape.frames, device=device)
     else:
         make_actors = ga3c(shape, settings, actors, agents)
@@ -228,7 +231,7 @@ def report(rates: Mapping[str, Rate]) -> None:
     residents = [name for name in rates if name.startswith(RESIDENT)]
     ratios = [
         *((name, "learning alone", learning) for name in residents),
-        *((name, "acting plus learning", both) for name in (*residents, THREADS, PROCESSES)),
+        *((name, "acting plus learning", both) for name in (*residents, THREADS, PROCESSES) if name in rates),
         *((one, name, rates[name]) for one in residents for name in (A2C, A2C_FAST, APPO) if name in rates),
         *((one, name, rates[name]) for one in (ON_FEATURES,) if one in rates for name in (RESIDENT, BARE)),
     ]
@@ -245,6 +248,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3.0, help="per measurement")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--threads", type=int, default=1, help="torch threads")
+    parser.add_argument(
+        "--policy", default="default", choices=("default", "paper"), help="network and losses"
+    )
     parser.add_argument("--memory", default="pool", choices=("pool", "lstm", "stack"))
     parser.add_argument(
         "--amp",
@@ -260,9 +266,16 @@ def main() -> None:
     parser.add_argument("--weights", help="file of that trunk's weights")
     options = parser.parse_args()
 
-    shape = NetworkShape(memory=options.memory, frames=3 if options.memory == "stack" else 1)
+    paper = options.policy == "paper"
+    shape = NetworkShape(
+        trunk="alexnet" if paper else "compact",
+        size=224 if paper else 64,
+        memory=options.memory,
+        frames=3 if options.memory == "stack" else 1,
+    )
     envs, device, trial = options.envs, options.device, options.seconds / 5
-    settings = TrainSettings(steps=10**9, envs=envs)
+    chosen = {"steps": 10**9, "envs": envs}
+    settings = resolve(["env=modelnet", f"train={options.policy}"]).train.model_copy(update=chosen)
     contestants: dict[str, MakeStep] = {
         f"{part} alone": partial(best_bare, part, shape, envs, device, trial, options.rounds)
         for part in PARTS
@@ -270,6 +283,7 @@ def main() -> None:
     contestants |= {
         name: partial(trainer, shape, settings, actors, options.agents, device)
         for name, actors in ACTORS.items()
+        if name == RESIDENT or not paper
     }
     switches = (ON_GPU if device == "cuda" else {}) | (BFLOAT16 if options.amp else {})
     contestants |= {
@@ -285,10 +299,12 @@ def main() -> None:
         varied = settings.model_copy(update={"dropout": 0.5})
         contestants[ON_FEATURES] = partial(trainer, frozen, varied, "resident", options.agents, device)
         contestants[BARE] = partial(best_bare, "learning", frozen, envs, device, trial, options.rounds)
-    contestants |= others(shape, settings, device)
+    if not paper:
+        contestants |= others(shape, settings, device)
     rates = in_processes(contestants, options.threads, options.seconds, options.rounds)
     where = torch.cuda.get_device_name() if device == "cuda" else "CPU"
-    print(f"{where}, {options.memory} memory, {envs} episodes, {options.threads} torch thread(s)")
+    network = f"{shape.trunk} trunk, {options.memory} memory"
+    print(f"{where}, {network}, {envs} episodes, {options.threads} torch thread(s)")
     report(rates)
 
 

@@ -8,11 +8,13 @@ view by itself, so what it finds in one can be kept.
 from __future__ import annotations
 
 from abc import abstractmethod
+from functools import partial
 
 import torch
 from torch import Tensor, nn
 
 from activelsd.errors import ConfigError
+from activelsd.policy.response_norm import LocalResponseNorm
 
 
 def _conv_size(size: int, kernel: int, stride: int, padding: int) -> int:
@@ -37,15 +39,15 @@ class AlexNet(nn.Module):
             raise ConfigError(
                 f"policy.trunk=alexnet needs env.size of at least 63 pixels, not {size}; set env.size=224."
             )
-        norm = {"size": 5, "alpha": 1e-4, "beta": 0.75, "k": 2.0}
+        norm = partial(LocalResponseNorm, size=5, alpha=1e-4, beta=0.75, k=2.0)
         self.convolutions = nn.Sequential(
             nn.Conv2d(channels, 64, 11, 4, 2),
             nn.ReLU(),
-            nn.LocalResponseNorm(**norm),  # type: ignore[arg-type]
+            norm(64),
             nn.MaxPool2d(3, 2),
             nn.Conv2d(64, 256, 5, 1, 2),
             nn.ReLU(),
-            nn.LocalResponseNorm(**norm),  # type: ignore[arg-type]
+            norm(256),
             nn.MaxPool2d(3, 2),
             nn.Conv2d(256, 384, 3, 1, 1),
             nn.ReLU(),
@@ -169,5 +171,9 @@ class ViewTrunk(nn.Module):
 
 
 def as_input(frames: Tensor) -> Tensor:
-    """uint8 (N, C, S, S) to float in [0, 1], channels last, in which convolutions on a CPU are fastest."""
-    return frames.to(torch.float32).mul_(1.0 / 255.0).contiguous(memory_format=torch.channels_last)
+    """uint8 (N, C, S, S) to float in [0, 1], channels last, in which convolutions are fastest.
+
+    One channel, too, has the strides of channels last; else convolutions take it for channels first.
+    """
+    rows = frames.permute(0, 2, 3, 1).to(torch.float32, memory_format=torch.contiguous_format)
+    return rows.mul_(1.0 / 255.0).permute(0, 3, 1, 2)

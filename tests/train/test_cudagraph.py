@@ -34,6 +34,8 @@ pytestmark = [  # of PyTorch about itself
     pytest.mark.filterwarnings("ignore:Synchronization debug mode is a prototype"),
     pytest.mark.filterwarnings("ignore:TensorFloat32 tensor cores"),
     pytest.mark.filterwarnings("ignore:.torch.jit.script_method. is deprecated"),
+    # Its compiler looks for the gradient of a memory's state, which is no leaf.
+    pytest.mark.filterwarnings("ignore:The .grad attribute of a Tensor that is not a leaf"),
 ]
 GA3CS = {"optimiser": "tf_rmsprop", "optimiser_epsilon": 0.1, "loss": "sum", "trajectories": 4}
 RICH = {"mirror": True, "dropout": 0.5, "terms": {"supervised": 1.0, "guided": 0.5}}
