@@ -113,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
             )
             sub.add_argument("--kind", choices=("shaded", "depth"), default="shaded", help="what they show")
             sub.add_argument("--size", metavar="S", type=int, default=224, help="side in pixels; 224")
-        if name in ("evaluate", "compare"):
+        if name in ("evaluate", "compare", "figures"):
             sub.add_argument(
                 "--out", metavar="DIR", type=Path, help="folder of the results; the (first) run's by default"
             )
@@ -274,6 +274,17 @@ def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
     return _show(*contest(runs, arguments.baselines, settings, arguments.out))
 
 
+def _figures(arguments: argparse.Namespace, words: list[str]) -> int:
+    runs, settings = _runs_and_settings(words)
+    from activelsd.evaluate.views_seen import as_text
+    from activelsd.figures import draw_figures
+
+    table, files = draw_figures(runs, settings, arguments.out)
+    print("\n".join(as_text(table)))
+    print(f"Written: {', '.join(file.name for file in files)} in {files[0].parent}")
+    return 0
+
+
 def _runs_and_settings(words: list[str]) -> tuple[list[str], list[str]]:
     """Split words into folders of runs and settings; `split=val` is short for `evaluate.split=val`."""
     from activelsd.config import EvaluateSettings, RunConfig
@@ -364,6 +375,11 @@ VERBS = {
         _compare,
         "compare [RUN …] --baselines A,B [--out DIR] [evaluate.key=value | env.dataset.path=PATH …]",
         "Play runs and baselines on the same episodes; the newest run where none is named",
+    ),
+    "figures": Verb(
+        _figures,
+        "figures [RUN …] [--out DIR] [evaluate.key=value | env.dataset.path=PATH …]",
+        "Draw the paper's Table 3 and Figures 3 and 4 for runs; the newest run where none is named",
     ),
     "prepare": Verb(
         _prepare,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from activelsd import registry
 from activelsd.build import build_device
@@ -70,9 +71,42 @@ def _play(
 ) -> tuple[list[Comparison], list[Path]]:
     for name in baselines:  # unknown names are reported first, because opening worlds takes a while
         registry.players.get(name)
-    runs = [Run(Path(folder)) for folder in folders] or [Run.newest(RUNS)]
+    runs = named_runs(folders)
     folder = runs[0].folder if out is None else out.expanduser()
     check_writable(folder, ELSEWHERE)  # before anything is played
+    comparisons: list[Comparison] = []
+    written: list[Path] = []
+    for played in play_runs(runs, baselines, words):
+        comparisons.append(played.comparison)
+        with writing(folder):
+            written += result_files.write(played.comparison, folder, stem + played.suffix)
+    return comparisons, written
+
+
+class Played(NamedTuple):
+    """What runs and baselines played in one world."""
+
+    entrants: list[Entrant]
+    comparison: Comparison
+    suffix: str  # of the names of its files, if the first run has several worlds
+
+
+def named_runs(folders: Sequence[str]) -> list[Run]:
+    """Returns the runs in folders, or, if none is named, the newest in `./runs`."""
+    return [Run(Path(folder)) for folder in folders] or [Run.newest(RUNS)]
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Turns an OSError inside into a RunError that names the folder."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(f"{folder} cannot be written ({error.strerror}); {ELSEWHERE}.") from None
+
+
+def play_runs(runs: Sequence[Run], baselines: Sequence[str], words: Sequence[str]) -> Iterator[Played]:
+    """Plays runs and baselines in each world of the first run, as `contest` does."""
     own = [load(run.folder / CONFIG) for run in runs]
     configs = [change(one, words, CHANGEABLE, "a run is measured in its own world") for one in own]
     how = configs[0]
@@ -82,8 +116,6 @@ def _play(
     playing = _playing(names, configs)
     graphs: dict[str, ViewGraph] = {}
     featured: dict[tuple[str, str], ViewGraph] = {}
-    comparisons: list[Comparison] = []
-    written: list[Path] = []
     for world, players in playing.items():
         entrants = []
         for i, settings in players.items():
@@ -109,13 +141,7 @@ def _play(
                 progress=show,
             )
         comparison = replace(comparison, changed=_changes(own[0].worlds[world], players[0]))
-        comparisons.append(comparison)
-        title = stem if len(playing) == 1 else f"{stem}_{world}"
-        try:
-            written += result_files.write(comparison, folder, title)
-        except OSError as error:
-            raise RunError(f"{folder} cannot be written ({error.strerror}); {ELSEWHERE}.") from None
-    return comparisons, written
+        yield Played(entrants, comparison, "" if len(playing) == 1 else f"_{world}")
 
 
 def _playing(names: Sequence[str], configs: Sequence[RunConfig]) -> dict[str, dict[int, WorldSettings]]:

@@ -126,3 +126,31 @@ def test_mistakes_are_one_sentence_and_leave_nothing(
     assert err.count("\n") == 1
     assert out == ""
     assert sorted(run.iterdir()) == before
+
+
+def test_figures_of_the_paper_are_drawn_beside_a_run(
+    run: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    """Whatever a run has; what it lacks is said in a sentence, and the rest is drawn."""
+    assert cli.main(["figures"]) == 0
+    said = capsys.readouterr().out
+    names = {path.name for path in (run / "figures").iterdir()}
+    assert {"table3.png", "table3.csv", "figure3.png"} <= names
+    assert ("figure4.png" in names) != ("No episode of" in caplog.text)
+    lines = (run / "figures" / "table3.csv").read_text().splitlines()
+    ours = [line.split(",") for line in lines if line.startswith("trained,")]
+    assert sum(int(right) + int(wrong) for _, _, right, wrong in ours) == 48
+    assert "LSD-Net, published, ModelNet40 meshes\n" in said
+    assert "right at the first view 67 %, after 2-8 views 85-94 %, after 12 views 83 %" in said
+    assert not (run / "evaluation.json").exists()
+
+    metrics = run / "metrics.jsonl"
+    rows = [json.loads(line) for line in metrics.read_text().splitlines()]
+    metrics.write_text(
+        "".join(json.dumps({k: v for k, v in row.items() if k != "episodes"}) + "\n" for row in rows)
+    )
+    caplog.clear()
+    assert cli.main(["figures", str(run), "--out", "elsewhere", "split=val"]) == 0
+    assert f"{metrics} has no 'episodes', which Figure 3 needs" in caplog.text
+    assert "figure3.png" not in capsys.readouterr().out
+    assert (Path("elsewhere") / "table3.png").exists()

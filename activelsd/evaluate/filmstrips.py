@@ -147,13 +147,9 @@ def _draw_strip(panel: SubFigure, strip: Filmstrip, area: Area, across: float) -
         _draw_plan(panel.add_axes(area), strip.plan, RIGHT if row.right else WRONG)
         area = area._replace(x=area.x + across)
     begin = area.x
-    for i, (frame, named) in enumerate(zip(strip.frames, row.answers, strict=True)):
+    for i, named in enumerate(row.answers):
         axes = panel.add_axes(area)
-        axes.imshow(frame, cmap="gray", vmin=0, vmax=255)
-        axes.set(xticks=[], yticks=[])
-        axes.spines[:].set(color=FAINT, linewidth=0.8)
-        if strip.boxes:
-            _draw_target(axes, strip.boxes[i], strip.crops[i] if strip.crops else None, len(frame))
+        draw_view(axes, strip, i)
         centre, colour = area.x + area.width / 2, RIGHT if named == row.label else WRONG
         panel.text(
             centre, area.y - 0.006, _lines(named, 16, 1), fontsize=10, ha="center", va="top", color=colour
@@ -164,14 +160,28 @@ def _draw_strip(panel: SubFigure, strip: Filmstrip, area: Area, across: float) -
     for i, move in enumerate(strip.moves):
         centre = begin + (i + 0.5) * across + area.width / 2
         panel.text(centre, middle + 0.006, "→", fontsize=15, ha="center", va="center", color=INK)
-        short = move.removeprefix("orbit_").replace("backward", "back").replace("_", "\n")
         size = 9 if across > 0.18 else 7.5
-        panel.text(centre, middle - 0.010, short, fontsize=size, ha="center", va="top", color=INK)
+        panel.text(centre, middle - 0.010, move_label(move), fontsize=size, ha="center", va="top", color=INK)
     x = area.x - across + area.width + 0.015
     answer = ("✓ " if row.right else "✗ ") + _lines(row.answer, 14, 2)
     panel.text(x, middle, answer, fontsize=12, fontweight="bold", color=colour, va="center")
     if not row.right:
         panel.text(x, middle - 0.024, f"is {_lines(row.label, 14, 2)}", fontsize=10.5, color=INK, va="top")
+
+
+def draw_view(axes: Axes, strip: Filmstrip, i: int) -> None:
+    """Draws a view of an episode, with the target's box and crop if it has them."""
+    frame = strip.frames[i]
+    axes.imshow(frame, cmap="gray", vmin=0, vmax=255)
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set(color=FAINT, linewidth=0.8)
+    if strip.boxes:
+        _draw_target(axes, strip.boxes[i], strip.crops[i] if strip.crops else None, len(frame))
+
+
+def move_label(move: str) -> str:
+    """A move's name in short, with a word per line."""
+    return move.removeprefix("orbit_").replace("backward", "back").replace("_", "\n")
 
 
 def _draw_target(axes: Axes, box: NDArray[np.float32], crop: NDArray[np.uint8] | None, side: int) -> None:

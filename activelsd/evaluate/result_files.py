@@ -28,7 +28,6 @@ def write(comparison: Comparison, folder: Path, stem: str = "comparison") -> lis
     """
     from activelsd.evaluate.picture import draw  # matplotlib takes a while to import
 
-    folder.mkdir(parents=True, exist_ok=True)
     episodes = "episodes.jsonl" if stem == "comparison" else f"{stem}_episodes.jsonl"
     contents = {
         f"{stem}.json": (json.dumps(as_json(comparison), indent=1) + "\n").encode(),
@@ -36,6 +35,12 @@ def write(comparison: Comparison, folder: Path, stem: str = "comparison") -> lis
         episodes: as_lines(comparison).encode(),
         f"{stem}.png": draw(comparison),
     }
+    return write_files(contents, folder)
+
+
+def write_files(contents: Mapping[str, bytes], folder: Path) -> list[Path]:
+    """Writes files by name into a folder, which is made if it is missing; returns their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
     return [_replace(folder / name, content) for name, content in contents.items()]
 
 

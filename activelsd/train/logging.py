@@ -29,12 +29,9 @@ class JsonLines:
 
     def __init__(self, path: Path, *, up_to: int) -> None:
         """Open for appending; drops rows after step `up_to`, which a resumed run writes again."""
-        kept = []
-        if path.exists():
-            lines = path.read_text("utf-8").splitlines()
-            kept = [line for line in lines if line.endswith("}") and json.loads(line)["step"] <= up_to]
+        kept = [json.dumps(row) + "\n" for row in read_metrics(path) if row["step"] <= up_to]
         temporary = path.with_name(path.name + ".tmp")
-        temporary.write_text("".join(line + "\n" for line in kept), "utf-8")
+        temporary.write_text("".join(kept), "utf-8")
         temporary.replace(path)
         self._file = path.open("a", encoding="utf-8")
 
@@ -46,6 +43,12 @@ class JsonLines:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def read_metrics(path: Path) -> list[dict[str, float]]:
+    """Returns the rows of a `metrics.jsonl`, but not a last one that a kill cut off; none without a file."""
+    lines = path.read_text("utf-8").splitlines() if path.exists() else []
+    return [json.loads(line) for line in lines if line.endswith("}")]
 
 
 class TensorBoard:

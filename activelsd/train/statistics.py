@@ -81,9 +81,11 @@ class Statistics:
         updates, self._updates, self._sums = self._updates, 0, 0.0
         metrics: dict[str, float] = {}
         for world in self._places:
-            steps, episodes = max(sums.pop(f"{world}steps"), 1), max(sums.pop(f"{world}episodes"), 1)
+            steps, ended = max(sums.pop(f"{world}steps"), 1), sums.pop(f"{world}episodes")
+            episodes = max(ended, 1)
             free, first = sums.pop(f"{world}free", 0.0), sums.pop(f"{world}first", 0.0)
             metrics |= {
+                f"{world}episodes": ended,
                 f"{world}reward": sums.pop(f"{world}reward") / episodes,
                 f"{world}accuracy": sums.pop(f"{world}right") / episodes,
                 f"{world}views": sums.pop(f"{world}views") / episodes,

@@ -27,7 +27,10 @@ from activelsd.train.statistics import Statistics, counts
 from activelsd.train.trainer import Trainer
 from tests.graphs import ring_graph, room_graph
 
-METRICS = ("reward", "accuracy", "views", "navigate", "accuracy_at_first_view", "policy_entropy_loss")
+METRICS = (
+    *("episodes", "reward", "accuracy", "views", "navigate", "accuracy_at_first_view"),
+    "policy_entropy_loss",
+)
 RINGS = replace(ring_graph(objects=12, classes=3, telling=(3, 4, 5)), classes=("bed", "cup", "vase"))
 ROOMS = room_graph(size=16)
 

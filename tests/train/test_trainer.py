@@ -181,6 +181,7 @@ def test_metrics_are_rows_of_numbers_and_resuming_writes_no_row_twice(tmp_path: 
         "steps_per_second",
         "loss/total",
         "policy_entropy_loss",
+        "episodes",
     ):
         assert all(isinstance(row[name], float) for row in rows)
     # Rows of steps after the checkpoint, as a kill leaves them, are written again and not twice.
