@@ -121,6 +121,13 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(
                 "--baselines", metavar="A,B", type=_names, default=[], help="players beside the runs"
             )
+            sub.add_argument(
+                "--recognisers",
+                metavar="A,B",
+                type=_names,
+                default=[],
+                help="recognisers to train on the same views, unless that is done, and to measure",
+            )
     return parser
 
 
@@ -264,14 +271,15 @@ def _evaluate(arguments: argparse.Namespace, words: list[str]) -> int:
 
 
 def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
-    from activelsd.registry import players
+    from activelsd.registry import players, recognisers
 
     runs, settings = _runs_and_settings(words)
-    for name in arguments.baselines:  # before PyTorch is imported
-        players.check(name)
+    for kind, names in ((players, arguments.baselines), (recognisers, arguments.recognisers)):
+        for name in names:  # before PyTorch is imported
+            kind.check(name)
     from activelsd.contest import contest
 
-    return _show(*contest(runs, arguments.baselines, settings, arguments.out))
+    return _show(*contest(runs, arguments.baselines, settings, arguments.out, arguments.recognisers))
 
 
 def _figures(arguments: argparse.Namespace, words: list[str]) -> int:
@@ -373,7 +381,8 @@ VERBS = {
     ),
     "compare": Verb(
         _compare,
-        "compare [RUN …] --baselines A,B [--out DIR] [evaluate.key=value | env.dataset.path=PATH …]",
+        "compare [RUN …] --baselines A,B [--recognisers A,B] [--out DIR]"
+        " [evaluate.key=value | env.dataset.path=PATH …]",
         "Play runs and baselines on the same episodes; the newest run where none is named",
     ),
     "figures": Verb(

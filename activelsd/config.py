@@ -72,7 +72,10 @@ class EvaluateSettings(Section):
     episodes_per_object: int | None = Field(
         None, ge=1, description="random starts of every object; null: every start once"
     )
-    seed: int = Field(0, ge=0, description="of random starts, players that draw, and resampling")
+    seed: int = Field(0, ge=0, description="of random starts, players that draw, recognisers and resampling")
+    epochs: int | None = Field(
+        None, ge=1, description="passes in which recognisers are trained; null: as many as each takes itself"
+    )
 
 
 class RunConfig(Section):

@@ -1,4 +1,4 @@
-"""Compares runs, given by their folders, with each other and with players, and writes the result files."""
+"""Compares runs, given by their folders, with players and recognisers, and writes the result files."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import RunError
 from activelsd.evaluate import result_files
 from activelsd.evaluate.compare import Comparison, Entrant, compare
+from activelsd.evaluate.recognisers.objects import Objects
+from activelsd.evaluate.recognisers.rows import recognise
 from activelsd.features import with_features
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
@@ -50,33 +52,47 @@ def evaluate(
 
 
 def contest(
-    folders: Sequence[str], baselines: Sequence[str], words: Sequence[str], out: Path | None = None
+    folders: Sequence[str],
+    baselines: Sequence[str],
+    words: Sequence[str],
+    out: Path | None = None,
+    recognisers: Sequence[str] = (),
 ) -> tuple[list[Comparison], list[Path]]:
-    """Play runs and players on the same episodes, and write the results.
+    """Play runs and players on the same episodes, measure recognisers, and write the results.
 
     Args:
         folders: of runs; the first is what the others are compared with. None: the newest in `./runs`.
         baselines: names of players that share the first run's network, moves and rules.
         words: settings as `key=value`, see `CHANGEABLE`.
         out: folder of the results; None: the first run's.
+        recognisers: names of recognisers that name the same objects; trained in the first run's world, with
+            its kind of trunk, unless that is done.
 
     Raises:
-        UserError: a run, baseline or setting is not one there is, or the runs' episodes are not the same.
+        UserError: a run, baseline, recogniser or setting is not one there is, the runs' episodes are not the
+            same, or the world lacks what a recogniser needs.
     """
-    return _play(folders, baselines, words, "comparison", out)
+    return _play(folders, baselines, words, "comparison", out, recognisers)
 
 
 def _play(
-    folders: Sequence[str], baselines: Sequence[str], words: Sequence[str], stem: str, out: Path | None
+    folders: Sequence[str],
+    baselines: Sequence[str],
+    words: Sequence[str],
+    stem: str,
+    out: Path | None,
+    recognisers: Sequence[str] = (),
 ) -> tuple[list[Comparison], list[Path]]:
     for name in baselines:  # unknown names are reported first, because opening worlds takes a while
         registry.players.get(name)
+    for name in recognisers:
+        registry.recognisers.get(name)
     runs = named_runs(folders)
     folder = runs[0].folder if out is None else out.expanduser()
     check_writable(folder, ELSEWHERE)  # before anything is played
     comparisons: list[Comparison] = []
     written: list[Path] = []
-    for played in play_runs(runs, baselines, words):
+    for played in play_runs(runs, baselines, words, recognisers):
         comparisons.append(played.comparison)
         with writing(folder):
             written += result_files.write(played.comparison, folder, stem + played.suffix)
@@ -105,8 +121,10 @@ def writing(folder: Path) -> Iterator[None]:
         raise RunError(f"{folder} cannot be written ({error.strerror}); {ELSEWHERE}.") from None
 
 
-def play_runs(runs: Sequence[Run], baselines: Sequence[str], words: Sequence[str]) -> Iterator[Played]:
-    """Plays runs and baselines in each world of the first run, as `contest` does."""
+def play_runs(
+    runs: Sequence[Run], baselines: Sequence[str], words: Sequence[str], recognisers: Sequence[str] = ()
+) -> Iterator[Played]:
+    """Plays and measures all in each world of the first run, as `contest` does."""
     own = [load(run.folder / CONFIG) for run in runs]
     configs = [change(one, words, CHANGEABLE, "a run is measured in its own world") for one in own]
     how = configs[0]
@@ -130,6 +148,20 @@ def play_runs(runs: Sequence[Run], baselines: Sequence[str], words: Sequence[str
                 )
             joint = len(configs[i].worlds) > 1
             entrants.append(_entrant(names[i], networks[i], world, settings, featured[seen], joint=joint))
+        recognised = (
+            recognise(
+                recognisers,
+                Objects(graph=entrants[0].graph, world=players[0], shape=networks[0].shape),
+                split=how.evaluate.split,
+                seed=how.evaluate.seed,
+                cache=players[0].cache_folder,
+                device=device,
+                epochs=how.evaluate.epochs,
+                progress=progress,
+            )
+            if recognisers
+            else []
+        )
         with progress("Playing episodes") as show:
             comparison = compare(
                 entrants,
@@ -140,7 +172,8 @@ def play_runs(runs: Sequence[Run], baselines: Sequence[str], words: Sequence[str
                 device=device,
                 progress=show,
             )
-        comparison = replace(comparison, changed=_changes(own[0].worlds[world], players[0]))
+        changed = _changes(own[0].worlds[world], players[0])
+        comparison = replace(comparison, changed=changed, recognised=recognised)
         yield Played(entrants, comparison, "" if len(playing) == 1 else f"_{world}")
 
 

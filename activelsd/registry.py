@@ -200,6 +200,12 @@ players = Registry(
     | _in("evaluate.walkers", forward="Forward", object_search="ObjectSearch", oracle="Oracle")
     | _in("evaluate.nextbest", next_best_move="NextBestMove"),
 )
+recognisers = Registry(
+    "recogniser",
+    "recognisers",
+    _in("evaluate.recognisers.mvcnn", mvcnn="MVCNN"),
+    base="activelsd.evaluate.recognisers.interface:Recogniser",
+)
 trunks = Registry(
     "trunk",
     "trunks",
@@ -222,4 +228,4 @@ terms = Registry(
 figures = Registry("figure", "figures", _in("evaluate.metrics", spl="spl"))
 loggers = Registry("logger", "loggers", _in("train.logging", tensorboard="TensorBoard"))
 
-ALL = (worlds, orbit_moves, players, trunks, memories, terms, figures, loggers)
+ALL = (worlds, orbit_moves, players, recognisers, trunks, memories, terms, figures, loggers)

@@ -1,11 +1,14 @@
-"""The conformance suite of a world, for this package's own and for those of other packages.
+"""The conformance suites of a world and of a recogniser, this package's own or another's.
 
-    from activelsd.testing import check_world
+    from activelsd.testing import check_recogniser, check_world
 
     def test_my_world(tmp_path):
         check_world(MySettings(path="a few pictures", cache=tmp_path / "cache"))
 
-The world must be registered, and small enough to be trained in for seconds.
+    def test_my_recogniser(tmp_path):
+        check_recogniser("mine", MySettings(path="a few pictures", cache=tmp_path / "cache"))
+
+They must be registered, and the world small enough to be trained in for seconds.
 """
 
 from __future__ import annotations
@@ -17,11 +20,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import torch
 from gymnasium.utils.env_checker import check_env
 
 from activelsd import registry
 from activelsd.build import open_recordings
 from activelsd.compose import load, resolve
+from activelsd.console import progress
 from activelsd.contest import contest
 from activelsd.envs.base import ActiveVisionEnv
 from activelsd.envs.graphenv import ViewGraphEnv, tree_of
@@ -30,7 +35,12 @@ from activelsd.envs.soundness import check_graph
 from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.envs.world import world_settings
+from activelsd.evaluate.recognisers.interface import Recogniser
+from activelsd.evaluate.recognisers.kept import trained
+from activelsd.evaluate.recognisers.objects import Objects, draw_sets
+from activelsd.evaluate.recognisers.rows import make_recogniser, recognise
 from activelsd.launch import begin
+from activelsd.policy.lsdnet import NetworkShape
 from activelsd.sections import dump
 from activelsd.train.actors.ray.worker import fingerprint
 
@@ -162,3 +172,57 @@ def _check_run(words: list[str]) -> None:
     assert all(file.exists() for file in files), "a file of the comparison is missing"
     names = [player.name for player in comparisons[0].players]
     assert names[1:] == ["no_move", "random_walk"], f"the players were {names}"
+
+
+def check_recogniser(name: str, settings: WorldSettings) -> None:
+    """Check that a recogniser does what every recogniser must.
+
+    It gives probabilities of classes for sets of any size, whatever the order of their views; the same seed
+    trains the same weights; what was kept of a training names as before; and it is measured.
+
+    Args:
+        name: of a registered recogniser.
+        settings: of a small world whose objects it can name.
+
+    Raises:
+        AssertionError: with what is wrong.
+        ActiveLSDError: the recogniser does not fit the world, or fails.
+    """
+    graph = settings.open()
+    shape = NetworkShape(size=graph.size, channels=graph.channels)
+    objects = Objects(graph=graph, world=settings, shape=shape)
+
+    def make() -> Recogniser:
+        return make_recogniser(name, objects, 0, epochs=1, progress=progress)
+
+    first, again, fresh = make(), make(), make()
+    assert first.given, "the class attribute `given` says nothing"
+    _check_sets(first)
+    with tempfile.TemporaryDirectory() as folder:
+        training = trained(name, first, Path(folder), seed=0)
+        assert trained(name, fresh, Path(folder), seed=0) == training, "what was kept was trained again"
+        with torch.random.fork_rng():
+            again.fit(seed=0)
+        for one, weights in first.state_dict().items():
+            assert torch.equal(weights, fresh.state_dict()[one]), f"'{one}' came back otherwise from its file"
+        _check_sets(first)
+        rows = recognise(
+            [name], objects, split="test", seed=0, cache=Path(folder), epochs=1, progress=progress
+        )
+    assert [row.views for row in rows] == list(first.counts), "a number of views has no row"
+    assert all(0 <= row.accuracy.mean <= 1 for row in rows), "an accuracy is none"
+
+
+def _check_sets(recogniser: Recogniser) -> None:
+    """Sets of every size have probabilities of all classes, and the order of their views changes nothing."""
+    objects, generator = recogniser.objects, torch.Generator().manual_seed(0)
+    targets = objects.of("test")
+    every = objects.views[targets]
+    for count in (*range(1, every.shape[1] + 1), 0) if recogniser.whole else range(1, every.shape[1] + 1):
+        views = draw_sets(every, generator, count)
+        found = recogniser.probabilities(targets, views)
+        classes = (len(targets), len(objects.graph.classes))
+        assert found.shape == classes, f"probabilities are {tuple(found.shape)} and must be {classes}"
+        assert torch.allclose(found.sum(1), torch.ones(len(targets)), atol=1e-4), "they do not add up to 1"
+        turned = recogniser.probabilities(targets, views.flip(1))
+        assert torch.allclose(found, turned, atol=1e-5), "another order of views gives other probabilities"

@@ -154,3 +154,42 @@ def test_figures_of_the_paper_are_drawn_beside_a_run(
     assert f"{metrics} has no 'episodes', which Figure 3 needs" in caplog.text
     assert "figure3.png" not in capsys.readouterr().out
     assert (Path("elsewhere") / "table3.png").exists()
+
+
+def test_recognisers_are_trained_once_and_stand_below_the_players(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["compare", "--recognisers", "mvcnn", "evaluate.epochs=2"]
+    assert cli.main(words) == 0
+    out, err = capsys.readouterr()
+    assert "Training mvcnn" in err
+    lines = out.splitlines()
+    assert max(map(len, lines[: lines.index("48 episodes: 4 test objects, every start of each.")])) <= 80
+    head = next(i for i, line in enumerate(lines) if line.startswith("Recogniser"))
+    assert lines[head].split() == [
+        "Recogniser",
+        "Given",
+        "Views",
+        "Weights",
+        "Trained",
+        "Accuracy,",
+        "%",
+        "Published",
+    ]
+    assert lines[head + 2].split()[:3] == ["mvcnn", "images", "12"]
+    assert lines[head + 2].split()[-1] == "90.1"
+    assert "Published: the paper's Table 2, ModelNet40 meshes" in out
+    rows = json.loads((run / "comparison.json").read_text())["recognisers"]
+    assert [(row["views"], row["objects"]) for row in rows] == [(12, 4), (3, 4), (1, 4)]
+    assert rows[0]["published_percent"] == 90.1
+    assert rows[0]["accuracy_ci"][0] <= rows[0]["accuracy"] <= rows[0]["accuracy_ci"][1]
+
+    assert cli.main(words) == 0
+    again, err = capsys.readouterr()
+    assert "Training mvcnn" not in err
+    assert again.splitlines()[head:] == lines[head:]
+
+
+def test_a_recogniser_that_is_none_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["compare", str(run), "--recognisers", "mvcn"]) == 2
+    assert capsys.readouterr().err == "activelsd: There is no recogniser 'mvcn'; did you mean mvcnn?\n"

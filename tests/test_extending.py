@@ -20,14 +20,22 @@ from activelsd.compose import resolve
 from activelsd.envs.world import world_settings
 from activelsd.errors import ConfigError
 from activelsd.policy.checkpoint import load_network
-from activelsd.testing import check_world
+from activelsd.testing import check_recogniser, check_world
 from activelsd.train.run import Run
 
 PAGE = Path(__file__).parent.parent / "docs" / "extending.md"
 SMALL = ("env.size=32", "policy.trunk.features=16", "train.envs=8", "threads=1", "train.evaluate_every=400")
 SHAPES = ("env.dataset.train_per_class=3", "env.dataset.test_per_class=1", "env.dataset.classes=[cup,vase]")
 PARTS = ("policy.trunk=strided", "policy.memory=mean", "train.terms.inverse=0.1")
-LIMITS = {"Turntable": 40, "Strided": 24, "Mean": 16, "Inverse": 21, "LookTwice": 15, "right_at_first": 3}
+LIMITS = {
+    "Turntable": 40,
+    "Strided": 24,
+    "Mean": 16,
+    "Inverse": 21,
+    "LookTwice": 15,
+    "MeanPicture": 22,
+    "right_at_first": 3,
+}
 
 
 def write_package(folder: Path) -> None:
@@ -103,8 +111,11 @@ def test_a_package_brings_every_kind_of_part(
     assert versions["lsd-turntable"] == "0.1.0"
     assert versions["parts"]["trunk strided"] == "lsd-turntable 0.1.0"
 
-    assert cli.main(["compare", "--baselines", "no_move,look_twice,all_views"]) == 0
+    asked = ["--baselines", "no_move,look_twice,all_views", "--recognisers", "mean_picture,mvcnn"]
+    assert cli.main(["compare", *asked, "evaluate.epochs=2"]) == 0
     assert "right_at_first" in capsys.readouterr().out
+    rows = json.loads((run / "comparison.json").read_text())["recognisers"]
+    assert [(row["name"], row["views"]) for row in rows[:2]] == [("mean_picture", 20), ("mean_picture", 3)]
     players = {one["name"]: one for one in json.loads((run / "comparison.json").read_text())["players"]}
     assert players["look_twice"]["views"] == 2
     assert players["no_move"]["right_at_first"] == players["no_move"]["accuracy"]
@@ -154,7 +165,9 @@ def test_other_processes_find_the_parts(
 def test_gymnasium_makes_the_world_and_it_is_sound(photographs: Path, tmp_path: Path) -> None:
     env = gymnasium.make("activelsd/World-v0", world="turntable", path=photographs, size=32)
     assert env.reset(seed=0)[1]["backend"] == "turntable"
-    check_world(world_settings("turntable", {"path": photographs, "size": 32}), train_steps=400)
+    world = world_settings("turntable", {"path": photographs, "size": 32})
+    check_world(world, train_steps=400)
+    check_recogniser("mean_picture", world)
 
 
 def test_a_run_says_which_package_it_misses(

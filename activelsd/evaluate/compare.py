@@ -31,6 +31,7 @@ from activelsd.evaluate.metrics import (
 )
 from activelsd.evaluate.players import Trained, make_player
 from activelsd.evaluate.protocol import BATCH, EpisodeRow, Player, Progress, episodes_of, play
+from activelsd.evaluate.recognisers.rows import Recognition
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.registry import BrokenPartError
 
@@ -122,6 +123,7 @@ class Comparison:
         paired: differences of the other players from the reference.
         gain_closed: `metrics.gain_closed` of the reference; None if `no_move` or `all_views` did not play.
         changed: settings of the reference's world that were changed since its training, by dotted key.
+        recognised: results of recognisers with the same objects.
         rows: episodes of every player, in the same order.
         graph: the reference's world.
     """
@@ -134,6 +136,7 @@ class Comparison:
     paired: list[Difference]
     gain_closed: Interval | None
     changed: Mapping[str, Any] = field(default_factory=dict)
+    recognised: Sequence[Recognition] = ()
     rows: dict[str, list[EpisodeRow]] = field(repr=False)
     graph: ViewGraph = field(repr=False)
 

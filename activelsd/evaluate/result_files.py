@@ -12,6 +12,7 @@ from typing import Any
 
 from activelsd.evaluate.compare import Comparison, Difference, Standing
 from activelsd.evaluate.metrics import CONFIDENCE, EpisodeGroup, Interval
+from activelsd.evaluate.recognisers.rows import PUBLISHED, Recognition
 
 FORMAT = "activelsd.comparison/1"
 MEASURES = ("accuracy", "views", "steps")
@@ -64,6 +65,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
         "players": [_player(one) for one in comparison.players],
         "paired": [_paired(one) for one in comparison.paired],
         "paired_is": f"player minus {comparison.reference.name}, on the same episodes",
+        "recognisers": [_recognition(one) for one in comparison.recognised],
         "gain_closed": closed and closed.mean,
         "gain_closed_ci": closed and [closed.low, closed.high],
     }
@@ -112,6 +114,12 @@ def _player(one: Standing) -> dict[str, Any]:
 
 def _paired(one: Difference) -> dict[str, Any]:
     return {"name": one.name, "reference": one.reference, "episodes": one.episodes, **_measures(one)}
+
+
+def _recognition(one: Recognition) -> dict[str, Any]:
+    about = {key: value for key, value in asdict(one).items() if key not in ("accuracy", "published")}
+    published = {"published_percent": one.published, "published_on": one.published and PUBLISHED}
+    return {**about, **_intervals({"accuracy": one.accuracy}), **published}
 
 
 def _measures(one: Standing | Difference) -> dict[str, Any]:

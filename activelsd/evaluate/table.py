@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from activelsd import registry
 from activelsd.evaluate.compare import Comparison, Difference, Standing
 from activelsd.evaluate.metrics import Interval
+from activelsd.evaluate.recognisers.rows import NO_MOVEMENT, PUBLISHED
 
 if TYPE_CHECKING:
     from rich.console import Group, RenderableType
@@ -34,7 +35,8 @@ def render(comparison: Comparison, width: int = WIDTH) -> Group:
     table = _table(
         ("Player", *HEADS), [([_short(name, room), *cells], style) for name, cells, style in lines]
     )
-    return Group(table, *_more(comparison, width, room), *(Text(line) for line in notes(comparison)))
+    more = (*_more(comparison, width, room), *_recognised(comparison, width))
+    return Group(table, *more, *(Text(line) for line in notes(comparison)))
 
 
 def _table(heads: Sequence[str], lines: Iterable[tuple[Sequence[str], str]]) -> Table:
@@ -77,6 +79,33 @@ def _more(comparison: Comparison, width: int, name_width: int) -> Iterator[Rende
         columns, title = columns[fitting:], "Player"
 
 
+def _recognised(comparison: Comparison, width: int) -> Iterator[RenderableType]:
+    """Results of recognisers, a line for each number of views."""
+    from rich.text import Text
+
+    if not comparison.recognised:
+        return
+    lines = []
+    for one in comparison.recognised:
+        views = str(one.views) if one.views else "all round"
+        accuracy = _cell(Interval(*(100 * x for x in one.accuracy)), 1, "")
+        published = "" if one.published is None else f"{one.published:.1f}"
+        effort = _large(one.parameters), _long(one.seconds)
+        lines.append((one.name, one.given, views, *effort, accuracy, published))
+    heads = ("Recogniser", "Given", "Views", "Weights", "Trained", "Accuracy, %", "Published")
+    room = width - sum(max(map(len, column)) + 1 for column in list(zip(heads, *lines, strict=True))[1:])
+    yield Text("")
+    yield _table(heads, [((_short(name, room), *cells), "") for name, *cells in lines])
+
+
+def _large(number: int) -> str:
+    return f"{number / 1e6:.2f} M" if number >= 1e6 else f"{number / 1e3:.0f} k"
+
+
+def _long(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
 def _figure(interval: Interval | None) -> str:
     """Two decimals, or four if they would show little of it; a dash if it is not known."""
     return "-" if interval is None else _cell(interval, 2 if max(map(abs, interval)) >= 0.1 else 4, "")
@@ -108,6 +137,8 @@ def notes(comparison: Comparison) -> Iterator[str]:
         "[ ] are 95 % intervals over objects; differences are paired. Steps: views seen, "
         f"a wrong answer counts {reference.max_views}."
     )
+    if comparison.recognised:
+        yield from _about_recognisers(comparison)
     if reference.difficulties:
         yield "By difficulty of the first view: number of episodes; accuracy, % / views seen."
     for name in reference.figures:
@@ -119,6 +150,15 @@ def notes(comparison: Comparison) -> Iterator[str]:
             f"{reference.name} goes {mean:.0f} % of the way from no_move's accuracy to all_views' "
             f"[{low:.0f}, {high:.0f}]."
         )
+
+
+def _about_recognisers(comparison: Comparison) -> Iterator[str]:
+    sets = max(one.sets for one in comparison.recognised)
+    yield (
+        "Recognisers were trained on the training objects, with sets of one to all views. Fewer views than"
+        f" all: {sets} random sets of each object."
+    )
+    yield f"Published: {PUBLISHED}; its network without moves {NO_MOVEMENT} %."
 
 
 def _lines(comparison: Comparison) -> Iterator[tuple[str, tuple[str, str, str], str]]:
