@@ -203,7 +203,9 @@ players = Registry(
 recognisers = Registry(
     "recogniser",
     "recognisers",
-    _in("evaluate.recognisers.mvcnn", mvcnn="MVCNN"),
+    _in("evaluate.recognisers.mvcnn", mvcnn="MVCNN")
+    | _in("evaluate.recognisers.deeppano", deeppano="DeepPano")
+    | _in("evaluate.recognisers.shapenets", shapenets="ShapeNets"),
     base="activelsd.evaluate.recognisers.interface:Recogniser",
 )
 trunks = Registry(

@@ -14,9 +14,15 @@ from activelsd.errors import ConfigError, DataError, did_you_mean
 from activelsd.sections import AbsolutePath, Colour, Section
 
 if TYPE_CHECKING:  # settings are read, and complained of, before NumPy is imported
+    import numpy as np
+    from numpy.typing import NDArray
+
     from activelsd.envs.base import ActiveVisionEnv
     from activelsd.envs.episode import EpisodeRules
     from activelsd.envs.viewgraph import ViewGraph
+    from activelsd.scenery.depths import Depths
+
+_GEOMETRY = "env=modelnet knows them of meshes, points and the embedded shapes."
 
 Progress = Callable[[int, int], None]
 """Called with what is done and what there is in all."""
@@ -168,6 +174,22 @@ class WorldSettings(Section):
             UserError: the data is missing, broken, or does not fit the settings.
         """
         raise NotImplementedError(f"{type(self).__name__} has no graph()")
+
+    def depths(self, progress: Progress | None = None) -> Depths:
+        """The depths of all views of `graph`, in their order.
+
+        Raises:
+            ConfigError: the world does not know them.
+        """
+        raise ConfigError(f"env={self.name} does not know the depths of its views; {_GEOMETRY}")
+
+    def panoramas(self, progress: Progress | None = None) -> NDArray[np.uint8]:
+        """The distance panorama (see `scenery.panorama`) of every target of `graph`, (T, H, W).
+
+        Raises:
+            ConfigError: the world does not know the shapes of its targets.
+        """
+        raise ConfigError(f"env={self.name} does not know the shapes of its objects; {_GEOMETRY}")
 
     def made_by(self) -> str:
         """What makes the pictures, as `info["backend"]` and result files say it."""

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -18,11 +19,13 @@ from activelsd.envs.modelnet.settings import DatasetSettings, ModelNetSettings
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, DataError
 from activelsd.evaluate.recognisers import fitting
+from activelsd.evaluate.recognisers.deeppano import STRIDE, DeepPano
 from activelsd.evaluate.recognisers.interface import Recogniser
 from activelsd.evaluate.recognisers.kept import trained
 from activelsd.evaluate.recognisers.mvcnn import MVCNN, MVCNNSettings
 from activelsd.evaluate.recognisers.objects import Objects, draw_sets
 from activelsd.evaluate.recognisers.rows import NO_MOVEMENT, make_recogniser, recognise
+from activelsd.evaluate.recognisers.shapenets import ShapeNets
 from activelsd.policy.lsdnet import NetworkShape
 from activelsd.testing import check_recogniser
 from tests.graphs import ring_graph, room_graph
@@ -118,7 +121,7 @@ def test_mvcnn_learns_from_pictures_and_from_features() -> None:
     told = objects_of(replace(graph, features=(features,)))
     net = mvcnn(told, epochs=10, batch=8, rate=1e-2)
     assert net.fit(seed=0).val[-1] == 1.0
-    assert net.size() == (8 + 1) * 256 + (256 + 1) * 4, "the trunk is not its own"
+    assert net.size() == 2 * 8 + (8 + 1) * 512 + (512 + 1) * 4, "the trunk is not its own"
 
 
 def test_the_best_epoch_on_val_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,7 +131,7 @@ def test_the_best_epoch_on_val_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def named(targets: torch.Tensor, views: torch.Tensor) -> torch.Tensor:
         """As many right as the next of `answers` says."""
-        weights.append(net.head[0].weight.clone())
+        weights.append(net.head[1].weight.clone())
         labels = objects.labels[targets]
         right = torch.arange(len(targets)) < next(answers) * len(targets)
         return torch.eye(2)[torch.where(right, labels, 1 - labels)]
@@ -137,7 +140,7 @@ def test_the_best_epoch_on_val_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     training = fitting.fit(net, seed=0)
     assert training.val == [0.25, 0.75, 0.75, 0.5]
     assert training.epoch == 3, "the last of the best"
-    assert torch.equal(net.head[0].weight, weights[2])
+    assert torch.equal(net.head[1].weight, weights[2])
 
 
 def test_what_is_learned_is_kept_until_something_that_it_depends_on_changes(tmp_path: Path) -> None:
@@ -211,3 +214,49 @@ def test_a_recogniser_is_made_alike_whatever_was_drawn_before() -> None:
     for one, other in zip(made[0].parameters(), made[1].parameters(), strict=True):
         assert torch.equal(one, other)
     assert torch.initial_seed() == after
+
+
+def test_turning_an_object_by_a_stride_leaves_deeppanos_logits_as_they_are() -> None:
+    objects = Objects(graph=TINY.open(), world=TINY, shape=SHAPE)
+    net = make_recogniser("deeppano", objects, 0, progress=progress).eval()
+    assert isinstance(net, DeepPano)
+    panoramas = torch.from_numpy(TINY.panoramas()[:3].copy())
+    plain = net.classify(panoramas)
+    for columns in (STRIDE, 5 * STRIDE, -3 * STRIDE):
+        torch.testing.assert_close(net.classify(panoramas.roll(columns, -1)), plain, rtol=1e-4, atol=1e-5)
+    assert (net.classify(panoramas.flip(1)) - plain).abs().max() > 1e-3, "it sees more than nothing"
+
+
+def test_shapenets_sees_the_surface_free_space_and_what_is_unseen() -> None:
+    objects = Objects(graph=TINY.open(), world=TINY, shape=SHAPE)
+    net = make_recogniser("shapenets", objects, 0, progress=progress).eval()
+    assert isinstance(net, ShapeNets)
+    every = objects.views[:1]
+    one, nothing = every.clone(), torch.full_like(every, -1)
+    one[:, 1:] = -1
+    states = net.states(torch.cat([every, one, nothing]))
+    assert (states[0] >= states[1]).all(), "no view takes back what another has seen"
+    assert (states[0] > states[1]).any()
+    assert not states[2].any()
+    assert [set(state.tolist()) for state in states[:2]] == [{0, 1, 2}, {0, 1, 2}]
+    grids = []
+    net.maps.register_forward_pre_hook(lambda module, given: grids.append(given[0]))
+    net.classify(states)
+    assert torch.equal(grids[0].flatten(1), states.float() - 1)
+
+
+@pytest.mark.parametrize("name", ["deeppano", "shapenets"])
+def test_what_a_world_lacks_is_said_before_anything_is_trained(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    for split in ("train", "test"):
+        for kind in ("cup", "vase"):
+            for view in range(1, 13):
+                file = folder / kind / split / f"{kind}_0001_{view:03d}.png"
+                file.parent.mkdir(parents=True, exist_ok=True)
+                cv2.imwrite(str(file), np.full((32, 32), 40 * (kind == "cup"), np.uint8))
+    world = ModelNetSettings(size=32, dataset=DatasetSettings(path=folder), cache=tmp_path / "cache")
+    objects = Objects(graph=world.open(), world=world, shape=SHAPE)
+    before = sorted((tmp_path / "cache").iterdir())
+    with pytest.raises(ConfigError, match=r"holds pictures, which tell no (depth|panorama) of objects"):
+        recognise(["mvcnn", name], objects, split="test", seed=0, cache=tmp_path, progress=progress)
+    assert sorted((tmp_path / "cache").iterdir()) == before

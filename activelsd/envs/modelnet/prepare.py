@@ -11,7 +11,7 @@ from contextlib import closing
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from activelsd.envs.cache import Pictures, cache_file, fill, make_once, writing
 from activelsd.envs.cores import cores
 from activelsd.envs.digest import code_digest
-from activelsd.envs.modelnet import sources
+from activelsd.envs.modelnet import geometry, sources
 from activelsd.envs.modelnet.broken import BrokenObjects, note, noted, without
 from activelsd.envs.modelnet.cameras import Rig, Rings
 from activelsd.envs.modelnet.datasets import Dataset
@@ -31,6 +31,7 @@ from activelsd.envs.workers import spread
 from activelsd.errors import DataError
 
 _LOG = logging.getLogger("activelsd")
+Shows = Literal["shaded", "depth", "panorama"]
 _SHARE = 16
 """Objects for which starting another process, a third of a second, is worth it."""
 
@@ -41,6 +42,7 @@ def prepare(
     size: int,
     rig: Rig,
     cache: Path,
+    shows: Shows = "shaded",
     workers: int | None = None,
     check: bool = True,
     progress: Progress | None = None,
@@ -62,6 +64,7 @@ def prepare(
         size: side S of the views in pixels.
         rig: the cameras.
         cache: folder to keep the file in; made if need be.
+        shows: what the views are; depths are as `scenery.depths` has them, and a panorama has its own size.
         workers: how many processes render; None for as many as there are cores and work.
         check: read all objects before any is rendered.
         progress: called with the number of objects done and of all, at the start and after every object.
@@ -74,20 +77,22 @@ def prepare(
         DataError: the cache cannot be written, or pictures were not taken by such cameras.
     """
     rigs = rigs_of(dataset, rig)
-    made_by = _made_by(size, rig)
+    made_by = _made_by(size, rig, shows)
     names = _frame_names(dataset, made_by)
     objects = _digest([(item.name, name) for item, name in zip(dataset.items, names, strict=True)])
     key = {"dataset": dict(dataset.origin), "objects": objects} | made_by
-    path = cache_file(cache, dataset.title, size, key)
+    title = dataset.title if shows == "shaded" else f"{dataset.title}-{shows}"
+    path = cache_file(cache, title, size, key)
 
-    job = {"source": dataset.source.spec(), "size": size, "cameras": made_by["cameras"]}
+    job = {"source": dataset.source.spec(), "size": size, "cameras": made_by["cameras"], "kind": shows}
+    module = _drawn_by(shows)
 
     def work(what: str, todo: list[int]) -> Generator[tuple[int, bytes], None, None]:
-        """Results of a function of `sources` for objects; raises BrokenObjects at the end if any are."""
+        """Results of a function of the module that draws; raises BrokenObjects at the end if any are."""
         count, broken = max(1, min(workers or cores(), len(todo) // _SHARE)), {}
         in_order = sorted(todo, key=lambda i: dataset.items[i].parts)  # rows of one file are read fast
         items = ((i, asdict(dataset.items[i])) for i in in_order)
-        with closing(spread(f"{sources.__name__}:{what}", job, items, processes=count)) as results:
+        with closing(spread(f"{module}:{what}", job, items, processes=count)) as results:
             for i, data in results:
                 if data[:1] == sources.BROKEN:
                     broken[i] = data[1:].decode()
@@ -109,7 +114,7 @@ def prepare(
         _tell_differences(dataset, rigs)
         ends = np.cumsum([len(one.cameras) for one in rigs])
         coloured = isinstance(dataset.source, PictureFiles) and dataset.source.colour == "rgb"
-        picture = (3, size, size) if coloured else (size, size)
+        picture = (3, size, size) if coloured else (_height(shows, size), size)
         graph = _without_frames(dataset, rigs, picture, ends)
         only_read = isinstance(dataset.source, Shapes | PictureFiles)  # there is nothing to do before
         first = read_all if check and not only_read else None
@@ -183,6 +188,7 @@ def prepared_views(
     size: int,
     rig: Rig,
     cache: Path,
+    shows: Shows = "shaded",
     skip_broken: bool = False,
     progress: Progress | None = None,
 ) -> ViewGraph:
@@ -193,6 +199,7 @@ def prepared_views(
         size: as `prepare`.
         rig: as `prepare`.
         cache: as `prepare`.
+        shows: as `prepare`.
         skip_broken: leave out broken objects; the graph names them, as does the screen. Those that were found
             broken before are tried again, by themselves: what cannot be read may be readable now.
         progress: as `prepare`.
@@ -201,9 +208,9 @@ def prepared_views(
         DataError: as `prepare`; or a class is left with nothing to train or test on.
     """
     if not skip_broken:
-        views = prepare(dataset, size=size, rig=rig, cache=cache, progress=progress)
+        views = prepare(dataset, size=size, rig=rig, cache=cache, shows=shows, progress=progress)
         return open_views(views, dataset)
-    made_by = _made_by(size, rig)
+    made_by = _made_by(size, rig, shows)
     names = _frame_names(dataset, made_by)
     file = cache / f"broken-{_digest(names)}.json"
     known = noted(file)
@@ -211,7 +218,7 @@ def prepared_views(
     again = [i for i, name in enumerate(names) if name in known and i not in reasons]
     tried = {i: _breaks(dataset, dataset.items[i], size, rig) for i in again}
     reasons = dict(sorted({**reasons, **{i: reason for i, reason in tried.items() if reason}}.items()))
-    prepare_sound = partial(prepare, size=size, rig=rig, cache=cache, progress=progress)
+    prepare_sound = partial(prepare, size=size, rig=rig, cache=cache, shows=shows, progress=progress)
     found, path = _without_broken(dataset, reasons, prepare_sound)
     if found != reasons:
         with writing(cache):
@@ -244,12 +251,27 @@ def _breaks(dataset: Dataset, item: Item, size: int, rig: Rig) -> str | None:
     return None
 
 
-def _made_by(size: int, rig: Rig) -> dict[str, Any]:
-    return {
+def _drawn_by(shows: Shows) -> str:
+    """The module that draws."""
+    return sources.__name__ if shows == "shaded" else geometry.__name__
+
+
+def _height(shows: Shows, size: int) -> int:
+    """Rows of a view of `size` columns."""
+    if shows != "panorama":
+        return size
+    from activelsd.scenery.panorama import ROWS  # embree is not needed for pictures
+
+    return ROWS
+
+
+def _made_by(size: int, rig: Rig, shows: Shows) -> dict[str, Any]:
+    made_by = {
         "size": size,
         "cameras": [list(camera) for camera in rig.cameras],
-        "code": code_digest(sources.__name__),
+        "code": code_digest(_drawn_by(shows)),
     }
+    return made_by if shows == "shaded" else made_by | {"shows": shows}  # caches of pictures are older
 
 
 def _frame_names(dataset: Dataset, made_by: Mapping[str, Any]) -> list[str]:

@@ -13,8 +13,12 @@ from activelsd.errors import ConfigError
 from activelsd.sections import AbsolutePath, Section
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from activelsd.envs.modelnet.cameras import Rig
     from activelsd.envs.viewgraph import ViewGraph
+    from activelsd.scenery.depths import Depths
 
 AZIMUTHS, ELEVATION = 12, 30.0
 """Cameras of a ring, and degrees above the horizontal plane, unless others are asked for."""
@@ -141,3 +145,45 @@ class ModelNetSettings(WorldSettings):
             progress=progress,
         )
         return with_moves(graph, self.move_branches, [rigs[name] for name in graph.scenes])
+
+    def depths(self, progress: Progress | None = None) -> Depths:
+        """The depths of the objects' views, rendered now if they are not in the cache."""
+        import numpy as np
+
+        from activelsd.scenery.depths import Depths
+
+        rig = self.rig()
+        graph = self._drawn("depth", self.size, rig, progress)
+        cameras = np.array([list(camera) for camera in rig.cameras], np.float64)
+        return Depths(graph.frames, np.tile(cameras, (len(graph.scenes), 1)))
+
+    def panoramas(self, progress: Progress | None = None) -> NDArray[np.uint8]:
+        """The objects' distance panoramas, rendered now if they are not in the cache."""
+        from activelsd.envs.modelnet.cameras import Rings
+        from activelsd.scenery.panorama import COLUMNS
+
+        return self._drawn("panorama", COLUMNS, Rings.even(1, [0.0]), progress).frames
+
+    def _drawn(
+        self, shows: Literal["depth", "panorama"], size: int, rig: Rig, progress: Progress | None
+    ) -> ViewGraph:
+        """Other views of the objects than pictures. Raises ConfigError if there are only pictures of them."""
+        from activelsd.envs.modelnet.datasets import open_dataset
+        from activelsd.envs.modelnet.prepare import prepared_views
+        from activelsd.envs.modelnet.sources import Drawn
+
+        dataset = open_dataset(self.dataset, self.colour)
+        if not isinstance(dataset.source, Drawn):
+            raise ConfigError(
+                f"{dataset.origin['from']} holds pictures, which tell no {shows} of objects; use meshes,"
+                " points or the embedded shapes for that."
+            )
+        return prepared_views(
+            dataset,
+            size=size,
+            rig=rig,
+            cache=self.cache_folder,
+            shows=shows,
+            skip_broken=self.dataset.skip_broken,
+            progress=progress,
+        )

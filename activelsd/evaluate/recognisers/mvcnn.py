@@ -26,12 +26,12 @@ from activelsd.policy.trunks import ViewTrunk
 class MVCNNSettings(RecogniserSettings):
     """How MVCNN is trained."""
 
-    hidden: int = Field(256, ge=1, description="units behind the maximum")
+    hidden: int = Field(512, ge=1, description="units behind the maximum")
     dropout: float = Field(0.5, ge=0, lt=1, description="of these units")
 
 
 class MVCNN(Recogniser):
-    """The run's kind of trunk for every view, the maximum, two dense layers.
+    """The run's kind of trunk for every view, the maximum, normalisation, two dense layers.
 
     A frozen trunk's recorded features are used; any other trunk is trained, from the weights that it is made
     with.
@@ -56,6 +56,7 @@ class MVCNN(Recogniser):
             self._trunk = make_trunk(replace(objects.shape, frames=1, crops=False))
             width = self._trunk.embedding if isinstance(self._trunk, ViewTrunk) else self._trunk.features
         self.head = nn.Sequential(
+            nn.LayerNorm(width),
             nn.Linear(width, settings.hidden),
             nn.ReLU(),
             nn.Dropout(settings.dropout),
