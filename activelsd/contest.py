@@ -66,7 +66,7 @@ def contest(
         words: settings as `key=value`, see `CHANGEABLE`.
         out: folder of the results; None: the first run's.
         recognisers: names of recognisers that name the same objects; trained in the first run's world, with
-            its kind of trunk, unless that is done.
+            its kind of trunk, unless that is done. Those that baselines need are added.
 
     Raises:
         UserError: a run, baseline, recogniser or setting is not one there is, the runs' episodes are not the
@@ -83,10 +83,7 @@ def _play(
     out: Path | None,
     recognisers: Sequence[str] = (),
 ) -> tuple[list[Comparison], list[Path]]:
-    for name in baselines:  # unknown names are reported first, because opening worlds takes a while
-        registry.players.get(name)
-    for name in recognisers:
-        registry.recognisers.get(name)
+    _recognisers(baselines, recognisers)  # unknown names are reported first: opening worlds takes a while
     runs = named_runs(folders)
     folder = runs[0].folder if out is None else out.expanduser()
     check_writable(folder, ELSEWHERE)  # before anything is played
@@ -125,6 +122,7 @@ def play_runs(
     runs: Sequence[Run], baselines: Sequence[str], words: Sequence[str], recognisers: Sequence[str] = ()
 ) -> Iterator[Played]:
     """Plays and measures all in each world of the first run, as `contest` does."""
+    wanted = _recognisers(baselines, recognisers)
     own = [load(run.folder / CONFIG) for run in runs]
     configs = [change(one, words, CHANGEABLE, "a run is measured in its own world") for one in own]
     how = configs[0]
@@ -132,10 +130,66 @@ def play_runs(
     names = ["trained"] if len(runs) == 1 else [run.folder.name for run in runs]
     networks = [load_network(run.checkpoint, device) for run in runs]
     playing = _playing(names, configs)
+    entered = _entered(playing, names, configs, networks, device)
+    objects = {  # worlds without any are refused before anything is trained
+        world: Objects(graph=entrants[0].graph, world=playing[world][0], shape=networks[0].shape)
+        for world, entrants in (entered.items() if wanted else ())
+    }
+    for world, entrants in entered.items():
+        settings = playing[world][0]
+        recognised, learned = (
+            recognise(
+                wanted,
+                objects[world],
+                split=how.evaluate.split,
+                seed=how.evaluate.seed,
+                cache=settings.cache_folder,
+                device=device,
+                epochs=how.evaluate.epochs,
+                progress=progress,
+            )
+            if wanted
+            else ([], {})
+        )
+        with progress("Playing episodes") as show:
+            comparison = compare(
+                entrants,
+                baselines,
+                split=how.evaluate.split,
+                per_object=how.evaluate.episodes_per_object,
+                seed=how.evaluate.seed,
+                device=device,
+                progress=show,
+                recognisers=learned,
+            )
+        changed = _changes(own[0].worlds[world], settings)
+        comparison = replace(comparison, changed=changed, recognised=recognised)
+        yield Played(entrants, comparison, "" if len(entered) == 1 else f"_{world}")
+
+
+def _recognisers(baselines: Sequence[str], recognisers: Sequence[str]) -> list[str]:
+    """The recognisers asked for, and those that baselines need. Raises ConfigError for unknown names."""
+    wanted = list(recognisers)
+    for name in baselines:
+        needed = getattr(registry.players.get(name), "recogniser", None)
+        wanted += [needed] if needed is not None and needed not in wanted else []
+    for name in wanted:
+        registry.recognisers.get(name)
+    return wanted
+
+
+def _entered(
+    playing: Mapping[str, Mapping[int, WorldSettings]],
+    names: Sequence[str],
+    configs: Sequence[RunConfig],
+    networks: Sequence[LSDNet],
+    device: str,
+) -> dict[str, list[Entrant]]:
+    """The runs in each world, whose views and features are prepared now if they are not there."""
     graphs: dict[str, ViewGraph] = {}
     featured: dict[tuple[str, str], ViewGraph] = {}
+    entered: dict[str, list[Entrant]] = {}
     for world, players in playing.items():
-        entrants = []
         for i, settings in players.items():
             views, trunk = settings.model_dump_json(), networks[i].frozen_trunk
             if views not in graphs:  # runs of the same world share its views
@@ -147,34 +201,9 @@ def play_runs(
                     graphs[views], trunk, cache=settings.cache_folder, device=device, progress=progress
                 )
             joint = len(configs[i].worlds) > 1
-            entrants.append(_entrant(names[i], networks[i], world, settings, featured[seen], joint=joint))
-        recognised = (
-            recognise(
-                recognisers,
-                Objects(graph=entrants[0].graph, world=players[0], shape=networks[0].shape),
-                split=how.evaluate.split,
-                seed=how.evaluate.seed,
-                cache=players[0].cache_folder,
-                device=device,
-                epochs=how.evaluate.epochs,
-                progress=progress,
-            )
-            if recognisers
-            else []
-        )
-        with progress("Playing episodes") as show:
-            comparison = compare(
-                entrants,
-                baselines,
-                split=how.evaluate.split,
-                per_object=how.evaluate.episodes_per_object,
-                seed=how.evaluate.seed,
-                device=device,
-                progress=show,
-            )
-        changed = _changes(own[0].worlds[world], players[0])
-        comparison = replace(comparison, changed=changed, recognised=recognised)
-        yield Played(entrants, comparison, "" if len(playing) == 1 else f"_{world}")
+            one = _entrant(names[i], networks[i], world, settings, featured[seen], joint=joint)
+            entered.setdefault(world, []).append(one)
+    return entered
 
 
 def _playing(names: Sequence[str], configs: Sequence[RunConfig]) -> dict[str, dict[int, WorldSettings]]:

@@ -198,7 +198,8 @@ players = Registry(
     _in("evaluate.players", no_move="NoMove", random_walk="RandomWalk", random_policy="RandomPolicy")
     | _in("evaluate.players", all_views="AllViews")
     | _in("evaluate.walkers", forward="Forward", object_search="ObjectSearch", oracle="Oracle")
-    | _in("evaluate.nextbest", next_best_move="NextBestMove"),
+    | _in("evaluate.nextbest", next_best_move="NextBestMove")
+    | _in("evaluate.nextview", expected_entropy="ExpectedEntropy", most_unseen="MostUnseen"),
 )
 recognisers = Registry(
     "recogniser",

@@ -206,7 +206,7 @@ def check_recogniser(name: str, settings: WorldSettings) -> None:
         for one, weights in first.state_dict().items():
             assert torch.equal(weights, fresh.state_dict()[one]), f"'{one}' came back otherwise from its file"
         _check_sets(first)
-        rows = recognise(
+        rows, _ = recognise(
             [name], objects, split="test", seed=0, cache=Path(folder), epochs=1, progress=progress
         )
     assert [row.views for row in rows] == list(first.counts), "a number of views has no row"

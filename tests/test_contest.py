@@ -11,6 +11,8 @@ import trimesh
 
 from activelsd import cli, launch
 from activelsd.compose import resolve
+from activelsd.envs.avd.settings import AVDSettings
+from tests.graphs import MOVES, room_graph
 
 WORLD = [
     *("env=modelnet", "device=cpu", "env.size=32", "env.navigate=orbit_cw,orbit_ccw", "train.envs=8"),
@@ -193,3 +195,22 @@ def test_recognisers_are_trained_once_and_stand_below_the_players(
 def test_a_recogniser_that_is_none_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["compare", str(run), "--recognisers", "mvcn"]) == 2
     assert capsys.readouterr().err == "activelsd: There is no recogniser 'mvcn'; did you mean mvcnn?\n"
+
+
+def test_rooms_are_refused_before_anything_is_trained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also in a run of several worlds, the first of which could do."""
+    monkeypatch.setattr(AVDSettings, "graph", lambda self, progress=None: room_graph(size=32))
+    monkeypatch.setattr(AVDSettings, "moves", classmethod(lambda cls: MOVES))
+    objects = ("env.dataset.train_per_class=3", "env.dataset.test_per_class=2", "env.size=32")
+    small = ("policy.trunk.features=8", "train.steps=160", "train.loggers=[]", "train.envs=8")
+    run = launch.begin(resolve(["env=modelnet,avd", *objects, *small, "device=cpu", f"runs={tmp_path}"]))
+    capsys.readouterr()
+    assert cli.main(["compare", str(run), "--recognisers", "mvcnn"]) == 2
+    error = capsys.readouterr().err
+    assert "Training mvcnn" not in error
+    assert error.splitlines()[-1].startswith(
+        "activelsd: Recognisers name an object by views of it alone, and env=avd"
+    )
+    assert not list(run.glob("comparison*"))

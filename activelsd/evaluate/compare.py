@@ -30,7 +30,8 @@ from activelsd.evaluate.metrics import (
     score,
 )
 from activelsd.evaluate.players import Trained, make_player
-from activelsd.evaluate.protocol import BATCH, EpisodeRow, Player, Progress, episodes_of, play
+from activelsd.evaluate.protocol import BATCH, EpisodeRow, Player, Progress, Recognising, episodes_of, play
+from activelsd.evaluate.recognisers.interface import Recogniser
 from activelsd.evaluate.recognisers.rows import Recognition
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.registry import BrokenPartError
@@ -156,6 +157,7 @@ def compare(
     device: str = "cpu",
     batch: int = BATCH,
     progress: Progress | None = None,
+    recognisers: Mapping[str, Recogniser] | None = None,
 ) -> Comparison:
     """Plays trained runs and registered players on the same episodes.
 
@@ -169,6 +171,7 @@ def compare(
         device: where the views are and the networks compute.
         batch: episodes in parallel; it changes only the time taken.
         progress: called with the finished and all episodes of all players.
+        recognisers: trained ones by name, for baselines that name by them.
 
     Raises:
         ConfigError: a baseline is unknown or does not fit the world, or two players have the same name.
@@ -181,6 +184,13 @@ def compare(
         entrant.network.to(device)
     turns: list[tuple[Player, Entrant]] = [(Trained(one.network, name=one.name), one) for one in entrants]
     turns += [(make_player(name, first.network, first.graph, seed), first) for name in baselines]
+    for player, _ in turns:
+        if isinstance(player, Recognising):
+            if recognisers is None or player.recogniser not in recognisers:
+                raise ConfigError(
+                    f"Player '{player.name}' needs the recogniser '{player.recogniser}'; train it first."
+                )
+            player.take(recognisers[player.recogniser])
     names = [player.name for player, _ in turns]
     for name in names:
         if names.count(name) > 1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -15,6 +15,9 @@ from activelsd.envs.actions import CLASSIFY
 from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.vector import ViewGraphVectorEnv
 from activelsd.envs.viewgraph import ViewGraph
+
+if TYPE_CHECKING:
+    from activelsd.evaluate.recognisers.interface import Recogniser
 
 BATCH = 128
 """Episodes played in parallel: enough to keep a CPU core busy, few enough to end at about the same time."""
@@ -59,6 +62,20 @@ class Insider(Protocol):
 
     def tell(self, views: Tensor, targets: Tensor) -> None:
         """Called before `act` with the graph's view and target of every episode, int64 (B,)."""
+
+
+@runtime_checkable
+class Recognising(Protocol):
+    """A player that names by a recogniser, which is trained before it plays.
+
+    Attributes:
+        recogniser: the recogniser's name; of the class, so that it is known before a player is made.
+    """
+
+    recogniser: str
+
+    def take(self, recogniser: Recogniser) -> None:
+        """Called once before `begin` with the trained recogniser."""
 
 
 @dataclass(frozen=True, kw_only=True)

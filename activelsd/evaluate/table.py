@@ -87,7 +87,7 @@ def _recognised(comparison: Comparison, width: int) -> Iterator[RenderableType]:
         return
     lines = []
     for one in comparison.recognised:
-        views = str(one.views) if one.views else "all round"
+        views = str(one.views) if one.views else "-"
         accuracy = _cell(Interval(*(100 * x for x in one.accuracy)), 1, "")
         published = "" if one.published is None else f"{one.published:.1f}"
         effort = _large(one.parameters), _long(one.seconds)

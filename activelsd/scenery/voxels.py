@@ -29,6 +29,7 @@ class VoxelCameras:
     """Where the middles of all voxels appear to C cameras.
 
     Attributes:
+        size: S, the side of the pictures in pixels.
         pixels: int64 (C, SIDE³), the pixel of each, row after row; 0 where it is out of the frame.
         levels: int16 (C, SIDE³), its depth in levels of `depths`; far in front of all where out of the frame.
     """
@@ -44,6 +45,7 @@ class VoxelCameras:
         rows = np.floor(size / 2 - up * scale).astype(np.int64)
         framed = (columns >= 0) & (columns < size) & (rows >= 0) & (rows < size)
         levels = np.rint((ahead - (DISTANCE - 1)) / STEP).astype(np.int16)
+        self.size = size
         self.pixels = torch.from_numpy(np.where(framed, rows * size + columns, 0))
         self.levels = torch.from_numpy(np.where(framed, levels, np.int16(_BEYOND + 1000)))
 
@@ -61,6 +63,22 @@ class VoxelCameras:
         behind = torch.where(seen == NOTHING, _BEYOND, seen.short()) - self.levels[cameras]
         thickness = round(THICKNESS / STEP)
         return (behind >= -thickness).byte() * (1 + (behind <= thickness).byte())
+
+    def unseen_in_sight(self, states: Tensor, cameras: Tensor) -> Tensor:
+        """How many unseen voxels nothing that was seen hides from a camera.
+
+        Args:
+            states: uint8 (n, SIDE³).
+            cameras: int64 (n,), which camera looks at each.
+
+        Returns:
+            int64 (n,).
+        """
+        pixels, levels = self.pixels[cameras], self.levels[cameras].int()
+        front = torch.full((len(states), self.size**2), _BEYOND, dtype=torch.int32)
+        surface = torch.where(states == SURFACE, levels, _BEYOND)
+        front = front.scatter_reduce(1, pixels, surface, "amin")
+        return ((states == UNSEEN) & (levels < _BEYOND) & (levels <= front.gather(1, pixels))).sum(1)
 
 
 def merged(states: Tensor, present: Tensor) -> Tensor:

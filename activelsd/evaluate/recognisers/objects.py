@@ -36,7 +36,7 @@ class Objects:
         if self.graph.pair_of is not None:
             raise ConfigError(
                 f"Recognisers name an object by views of it alone, and env={self.world.name} shows rooms;"
-                " leave out --recognisers, or take a run of env=modelnet."
+                " leave them out, or take a run of env=modelnet."
             )
 
     @cached_property

@@ -65,7 +65,7 @@ def recognise(
     device: str = "cpu",
     epochs: int | None = None,
     progress: Callable[[str], AbstractContextManager[Progress]],
-) -> list[Recognition]:
+) -> tuple[list[Recognition], dict[str, Recogniser]]:
     """Train registered recognisers, unless what they learned is kept, and name the objects of a split.
 
     Args:
@@ -77,6 +77,9 @@ def recognise(
         device: to compute on.
         epochs: of every training; None: as many as each takes by itself.
         progress: makes the callback of a progress line, given what is done.
+
+    Returns:
+        Their results, and the trained recognisers by name.
 
     Raises:
         ConfigError: a recogniser is unknown or named twice, or the world lacks what it needs. Nothing has
@@ -92,7 +95,7 @@ def recognise(
         with registry.recognisers.blaming(name, "fails"), _seeded(seed), progress(f"Training {name}") as show:
             training = trained(name, recogniser, cache, seed=seed, progress=show)
             rows += _measured(name, recogniser, training, split, seed)
-    return rows
+    return rows, made
 
 
 def make_recogniser(

@@ -20,6 +20,9 @@ from activelsd.evaluate.recognisers.interface import Recogniser, RecogniserSetti
 from activelsd.evaluate.recognisers.objects import Objects
 from activelsd.scenery.voxels import SIDE, VoxelCameras, merged
 
+COARSE = 24
+"""Side in pixels of pictures in which neighbouring voxels of a surface leave no gaps."""
+
 
 class ShapeNetsSettings(RecogniserSettings):
     """How 3D ShapeNets is trained."""
@@ -32,6 +35,7 @@ class ShapeNets(Recogniser):
 
     Attributes:
         cameras: where the voxels appear to every camera of the world.
+        coarse: the same in pictures whose pixels are as large as voxels.
         camera_of: int64 (V,), the camera of every view.
     """
 
@@ -48,6 +52,7 @@ class ShapeNets(Recogniser):
         self._levels = depths.levels
         different, camera_of = np.unique(depths.cameras, axis=0, return_inverse=True)
         self.cameras = VoxelCameras(different, depths.levels.shape[-1])
+        self.coarse = VoxelCameras(different, COARSE)
         self.camera_of = torch.from_numpy(camera_of.reshape(-1))
         self.maps = nn.Sequential(
             nn.Conv3d(1, 32, 5, 2),
