@@ -172,7 +172,7 @@ def test_recognisers_are_trained_once_and_stand_below_the_players(
         "Recogniser",
         "Given",
         "Views",
-        "Weights",
+        "Params",
         "Trained",
         "Accuracy,",
         "%",

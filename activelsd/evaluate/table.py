@@ -92,8 +92,9 @@ def _recognised(comparison: Comparison, width: int) -> Iterator[RenderableType]:
         published = "" if one.published is None else f"{one.published:.1f}"
         effort = _large(one.parameters), _long(one.seconds)
         lines.append((one.name, one.given, views, *effort, accuracy, published))
-    heads = ("Recogniser", "Given", "Views", "Weights", "Trained", "Accuracy, %", "Published")
-    room = width - sum(max(map(len, column)) + 1 for column in list(zip(heads, *lines, strict=True))[1:])
+    heads = ("Recogniser", "Given", "Views", "Params", "Trained", "Accuracy, %", "Published")
+    columns = list(zip(heads, *lines, strict=True))[1:]
+    room = width - sum(max(map(len, column)) + 2 for column in columns)
     yield Text("")
     yield _table(heads, [((_short(name, room), *cells), "") for name, *cells in lines])
 

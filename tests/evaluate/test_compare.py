@@ -23,9 +23,11 @@ from activelsd.evaluate import result_files
 from activelsd.evaluate.compare import Comparison, Entrant, assemble, compare, measure
 from activelsd.evaluate.filmstrips import choose, filmstrip
 from activelsd.evaluate.fonts import choose_fonts
+from activelsd.evaluate.metrics import Interval
 from activelsd.evaluate.picture import draw
 from activelsd.evaluate.players import NoMove
 from activelsd.evaluate.protocol import EpisodeRow
+from activelsd.evaluate.recognisers.rows import Recognition
 from activelsd.evaluate.table import text
 from tests.evaluate.lattice import lattice
 from tests.evaluate.worlds import CLASSES, RULES, network, ring, row
@@ -454,3 +456,52 @@ def test_names_that_the_usual_font_lacks_are_drawn_by_another_or_numbered(
     assert draw(one).startswith(b"\x89PNG")
     assert "player 1 is \u6211" in caplog.text
     assert f"class {len(GRAPH.classes) + 2} is \u6905\u5b50" in caplog.text
+
+
+def test_recognisers_fit_the_screen_and_the_files(comparison: Comparison) -> None:
+    def one(name: str, given: str, views: int, published: float | None) -> Recognition:
+        return Recognition(
+            name=name,
+            given=given,
+            views=views,
+            sets=12 if views == 1 else 1,
+            objects=9,
+            parameters=2_379_140,
+            seconds=6100.0,
+            epoch=15,
+            accuracy=Interval(1.0, 1.0, 1.0),
+            published=published,
+        )
+
+    rows = [one("shapenets", "depth, pose", 12, 77.3), one("shapenets", "depth, pose", 1, None)]
+    rows += [one("deeppano", "whole shape", 0, 77.6), one("a_recogniser_of_a_long_name", "images", 12, None)]
+    shown = replace(comparison, recognised=rows)
+    lines = text(shown).splitlines()
+    head = next(i for i, line in enumerate(lines) if line.startswith("Recogniser"))
+    assert max(map(len, lines)) <= 80
+    assert lines[head].split()[-1] == "Published"
+    assert lines[head + 2].split() == [
+        *(
+            "shapenets",
+            "depth,",
+            "pose",
+            "12",
+            "2.38",
+            "M",
+            "102",
+            "min",
+            "100.0",
+            "[100.0,",
+            "100.0]",
+            "77.3",
+        )
+    ]
+    assert lines[head + 4].split()[:4] == ["deeppano", "whole", "shape", "-"]
+    assert lines[head + 5].startswith("…")
+    assert "Fewer views than all: 12 random sets" in " ".join(" ".join(lines).split())
+    (first, *_) = result_files.as_json(shown)["recognisers"]
+    assert (first["published_percent"], first["published_on"]) == (
+        77.3,
+        "the paper's Table 2, ModelNet40 meshes",
+    )
+    assert (first["views"], first["accuracy"], first["accuracy_ci"]) == (12, 1.0, [1.0, 1.0])
