@@ -42,7 +42,7 @@ def objects_of(graph: ViewGraph) -> Objects:
 
 def mvcnn(objects: Objects, **settings: float) -> MVCNN:
     torch.manual_seed(0)
-    return MVCNN(objects, MVCNNSettings.model_validate(settings))
+    return MVCNN(objects, MVCNNSettings.model_validate({"updates": 0, **settings}))
 
 
 @pytest.mark.parametrize("name", registry.recognisers.own())
@@ -122,6 +122,12 @@ def test_mvcnn_learns_from_pictures_and_from_features() -> None:
     net = mvcnn(told, epochs=10, batch=8, rate=1e-2)
     assert net.fit(seed=0).val[-1] == 1.0
     assert net.size() == 2 * 8 + (8 + 1) * 512 + (512 + 1) * 4, "the trunk is not its own"
+
+
+def test_few_objects_are_passed_over_more_often() -> None:
+    objects = objects_of(ring_graph(objects=24, classes=2))  # 8 of them train
+    for updates, epochs in ((0, 2), (4, 2), (5, 3), (6, 3)):
+        assert len(mvcnn(objects, epochs=2, batch=4, updates=updates).fit(seed=0).losses) == epochs
 
 
 def test_the_best_epoch_on_val_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,13 +32,14 @@ def fit(recogniser: Recogniser, *, seed: int, progress: Progress | None = None) 
     sets = val_sets(recogniser, seed)
     optimiser = torch.optim.AdamW(recogniser.rates(), weight_decay=own.decay)
     per_epoch = math.ceil(len(train) / own.batch)
-    total = own.epochs * per_epoch
+    epochs = max(own.epochs, math.ceil(own.updates / per_epoch))
+    total = epochs * per_epoch
     falling = torch.optim.lr_scheduler.LambdaLR(
         optimiser, lambda step: 0.5 * (1 + math.cos(math.pi * min(1.0, step / total)))
     )
     began, losses, right = time.monotonic(), [], []
-    best, epoch, kept = -1.0, own.epochs, recogniser.state_dict()
-    for number in range(1, own.epochs + 1):
+    best, epoch, kept = -1.0, epochs, recogniser.state_dict()
+    for number in range(1, epochs + 1):
         recogniser.train()
         sums = 0.0
         order = train[torch.randperm(len(train), generator=generator)]

@@ -27,6 +27,7 @@ class RecogniserSettings(Section):
     """How a recogniser is trained; one with other settings has a subclass."""
 
     epochs: int = Field(30, ge=1, description="passes over the training objects")
+    updates: int = Field(1000, ge=0, description="updates at least: few objects are passed over more often")
     batch: int = Field(32, ge=1, description="objects in a batch")
     rate: float = Field(1e-3, gt=0, description="learning rate at first; it falls to 0 along half a cosine")
     decay: float = Field(1e-4, ge=0, description="weight decay, apart from the gradient as in AdamW")

@@ -26,6 +26,7 @@ from activelsd.policy.trunks import ViewTrunk
 class MVCNNSettings(RecogniserSettings):
     """How MVCNN is trained."""
 
+    updates: int = Field(2000, ge=0, description="updates at least")
     hidden: int = Field(512, ge=1, description="units behind the maximum")
     dropout: float = Field(0.5, ge=0, lt=1, description="of these units")
 

@@ -110,7 +110,7 @@ def make_recogniser(
     """A registered recogniser with fresh weights; arguments as `recognise`."""
     kind = registry.recognisers.get(name)
     with registry.recognisers.blaming(name, "cannot be made"), _seeded(seed):
-        settings = kind.Settings(**({} if epochs is None else {"epochs": epochs}))
+        settings = kind.Settings(**({} if epochs is None else {"epochs": epochs, "updates": 0}))
         with progress(f"Preparing {name}") as show:
             recogniser: Recogniser = kind(objects, settings, show)
         return recogniser.to(device)
