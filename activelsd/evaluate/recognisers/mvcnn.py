@@ -28,6 +28,12 @@ class MVCNNSettings(RecogniserSettings):
 
     updates: int = Field(2000, ge=0, description="updates at least")
     hidden: int = Field(512, ge=1, description="units behind the maximum")
+    trained: float = Field(
+        0.3,
+        gt=0,
+        le=1,
+        description="share of the rate if a trunk is trained too, which may else learn nothing",
+    )
     dropout: float = Field(0.5, ge=0, lt=1, description="of these units")
 
 
@@ -69,14 +75,15 @@ class MVCNN(Recogniser):
         return (self._seen,)
 
     def rates(self) -> list[dict[str, Any]]:
-        """A trunk with weights of its own learns as much slower as it asks for."""
+        """With a trunk that is trained too all learns slower, and the trunk slower still if it says so."""
+        assert isinstance(self.settings, MVCNNSettings)
+        rate = self.settings.rate
+        if self._trunk is None:
+            return [{"params": list(self.parameters()), "lr": rate}]
+        rate *= self.settings.trained
         slow = self._trunk.rate if isinstance(self._trunk, ViewTrunk) else 1.0
-        parts = ((self.head, 1.0), (self._trunk, slow))
-        return [
-            {"params": list(part.parameters()), "lr": self.settings.rate * share}
-            for part, share in parts
-            if part is not None
-        ]
+        parts = ((self.head, rate), (self._trunk, rate * slow))
+        return [{"params": list(part.parameters()), "lr": lr} for part, lr in parts]
 
     def forward(self, targets: Tensor, views: Tensor) -> Tensor:
         """See `Recogniser`."""
