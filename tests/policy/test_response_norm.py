@@ -86,6 +86,7 @@ def test_checkpoints_hold_nothing_of_it() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("c++") is None, reason="torch.compile needs a C++ compiler")
 @pytest.mark.filterwarnings("ignore:.torch.jit.script_method. is deprecated")
+@pytest.mark.filterwarnings("ignore:The distutils package is deprecated")  # older setuptools, imported by it
 @pytest.mark.filterwarnings("ignore:<class .torch.autograd.function.Function.> should not be instantiated")
 def test_a_compiled_one_does_the_same() -> None:
     norm = LocalResponseNorm(16, **STRONG)  # type: ignore[arg-type]
