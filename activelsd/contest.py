@@ -83,7 +83,6 @@ def _play(
     out: Path | None,
     recognisers: Sequence[str] = (),
 ) -> tuple[list[Comparison], list[Path]]:
-    _recognisers(baselines, recognisers)  # unknown names are reported first: opening worlds takes a while
     runs = named_runs(folders)
     folder = runs[0].folder if out is None else out.expanduser()
     check_writable(folder, ELSEWHERE)  # before anything is played
@@ -122,7 +121,7 @@ def play_runs(
     runs: Sequence[Run], baselines: Sequence[str], words: Sequence[str], recognisers: Sequence[str] = ()
 ) -> Iterator[Played]:
     """Plays and measures all in each world of the first run, as `contest` does."""
-    wanted = _recognisers(baselines, recognisers)
+    wanted = _recognisers(baselines, recognisers)  # unknown names are refused before worlds are opened
     own = [load(run.folder / CONFIG) for run in runs]
     configs = [change(one, words, CHANGEABLE, "a run is measured in its own world") for one in own]
     how = configs[0]

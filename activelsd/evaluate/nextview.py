@@ -15,13 +15,11 @@ from torch import Tensor
 
 from activelsd.envs.actions import CLASSIFY
 from activelsd.envs.viewgraph import ViewGraph
+from activelsd.evaluate.nextbest import SURE
 from activelsd.evaluate.recognisers.interface import Recogniser
 from activelsd.evaluate.recognisers.shapenets import ShapeNets
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.scenery.voxels import SIDE, SURFACE, UNSEEN
-
-SURE = 0.9
-"""Probability of a class at which they answer, as `next_best_move` does."""
 
 COMPLETIONS = 5
 """Training objects that stand for what there may be."""

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activelsd.envs.modelnet.cameras import Camera
-from activelsd.envs.modelnet.sources import BROKEN, WHOLE, Drawn, Item, checker, naming, source_from
+from activelsd.envs.modelnet.sources import Drawn, Item, checker, naming, source_from, work_on
 from activelsd.envs.workers import Work
-from activelsd.errors import DataError
 from activelsd.scenery.meshes import Mesh
 
 __all__ = ["DRAWINGS", "checker", "renderer"]
@@ -45,13 +44,9 @@ def renderer(job: Mapping[str, Any]) -> Iterator[Work]:
     assert isinstance(source, Drawn)
     cameras = [Camera(*camera) for camera in job["cameras"]]
 
-    def work(piece: Mapping[str, Any]) -> bytes:
-        item = Item(**{**piece, "parts": tuple(piece["parts"])})
-        try:
-            mesh = source.mesh(item)
-            with naming(item.name):
-                return WHOLE + draw(mesh, job["size"], cameras).tobytes()
-        except DataError as error:
-            return BROKEN + str(error).encode()
+    def draw_item(item: Item) -> bytes:
+        mesh = source.mesh(item)
+        with naming(item.name):
+            return draw(mesh, job["size"], cameras).tobytes()
 
-    yield work
+    yield work_on(draw_item)

@@ -222,7 +222,7 @@ def renderer(job: Mapping[str, Any]) -> Iterator[Work]:
     """Makes the views of items from the source of a job, see `workers.spread`."""
     source = source_from(job["source"])
     cameras = [Camera(*camera) for camera in job["cameras"]]
-    yield _work(lambda item: source.views(item, size=job["size"], cameras=cameras).tobytes())
+    yield work_on(lambda item: source.views(item, size=job["size"], cameras=cameras).tobytes())
 
 
 @contextmanager
@@ -234,10 +234,12 @@ def checker(job: Mapping[str, Any]) -> Iterator[Work]:
         source.check(item)
         return b""
 
-    yield _work(check)
+    yield work_on(check)
 
 
-def _work(do: Callable[[Item], bytes]) -> Work:
+def work_on(do: Callable[[Item], bytes]) -> Work:
+    """Work that does something with every item, and whose result says whether the item is broken."""
+
     def work(item: Mapping[str, Any]) -> bytes:
         try:
             return WHOLE + do(Item(**{**item, "parts": tuple(item["parts"])}))

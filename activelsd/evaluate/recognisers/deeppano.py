@@ -12,12 +12,11 @@ from typing import ClassVar
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
 from activelsd.envs.settings import Progress
-from activelsd.evaluate.recognisers.interface import Recogniser, RecogniserSettings
+from activelsd.evaluate.recognisers.interface import Recogniser, RecogniserSettings, ShapeSettings
 from activelsd.evaluate.recognisers.objects import Objects
 
 STRIDE = 16
@@ -42,12 +41,6 @@ class Around(nn.Module):
         return convolved
 
 
-class DeepPanoSettings(RecogniserSettings):
-    """How DeepPano is trained."""
-
-    epochs: int = Field(15, ge=1, description="passes over the training objects")
-
-
 class DeepPano(Recogniser):
     """Four convolutions with pools, the maximum of every row, two dense layers."""
 
@@ -55,7 +48,7 @@ class DeepPano(Recogniser):
     published = 77.6
     whole = True
 
-    Settings: ClassVar[type[RecogniserSettings]] = DeepPanoSettings
+    Settings: ClassVar[type[RecogniserSettings]] = ShapeSettings
 
     def __init__(
         self, objects: Objects, settings: RecogniserSettings, progress: Progress | None = None

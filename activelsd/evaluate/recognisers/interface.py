@@ -34,6 +34,12 @@ class RecogniserSettings(Section):
     smoothing: float = Field(0.1, ge=0, lt=1, description="label smoothing")
 
 
+class ShapeSettings(RecogniserSettings):
+    """How a recogniser of shapes is trained, which learns in fewer passes than one of pictures."""
+
+    epochs: int = Field(15, ge=1, description="passes over the training objects")
+
+
 class Training(NamedTuple):
     """How a training went."""
 

@@ -12,22 +12,15 @@ from typing import ClassVar
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import Field
 from torch import Tensor, nn
 
 from activelsd.envs.settings import Progress
-from activelsd.evaluate.recognisers.interface import Recogniser, RecogniserSettings
+from activelsd.evaluate.recognisers.interface import Recogniser, RecogniserSettings, ShapeSettings
 from activelsd.evaluate.recognisers.objects import Objects
 from activelsd.scenery.voxels import SIDE, VoxelCameras, merged
 
 COARSE = 24
 """Side in pixels of pictures in which neighbouring voxels of a surface leave no gaps."""
-
-
-class ShapeNetsSettings(RecogniserSettings):
-    """How 3D ShapeNets is trained."""
-
-    epochs: int = Field(15, ge=1, description="passes over the training objects")
 
 
 class ShapeNets(Recogniser):
@@ -42,7 +35,7 @@ class ShapeNets(Recogniser):
     given = "depth, pose"
     published = 77.3
 
-    Settings: ClassVar[type[RecogniserSettings]] = ShapeNetsSettings
+    Settings: ClassVar[type[RecogniserSettings]] = ShapeSettings
 
     def __init__(
         self, objects: Objects, settings: RecogniserSettings, progress: Progress | None = None
