@@ -45,9 +45,11 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
 
     Every step is either an answer (an action of the `classify` branch) or a move (any other action). A move
     gives the next view, a blocked move repeats the view, and an answer does not change it. A blocked move
-    is not legal again at the same view, unless the rules allow it. The T-th action is the last: only answers
-    are legal then. `info["action_mask"]` marks the legal actions. An agent that repeats a blocked move is
-    blocked again; one that moves at the last action ends the episode without an answer.
+    is not legal again at the same view, unless the rules allow it. If the rules forbid to revisit views, a
+    move to one that the episode has shown is illegal as long as another leads to a new one; this needs an
+    environment that `knows_moves`. The T-th action is the last: only answers are legal then.
+    `info["action_mask"]` marks the legal actions. An agent that repeats a blocked move is blocked again; one
+    that moves at the last action ends the episode without an answer.
 
     Observation: `Dict` of `frames` uint8 (K C, S, S), K views of C channels each (1 in gray; 3, red, green
     and blue, in colour), newest last, with K copies of the first view at reset; `target` float32 (K, 5), the
@@ -73,6 +75,8 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2}  # noqa: RUF012
     reset_options: tuple[str, ...] = ("episode",)
     """Names that `reset` accepts in `options`; a backend that reads more adds them."""
+    knows_moves = False
+    """Whether it is known before a move to which view it leads; `action_mask` can heed `revisit` then."""
 
     def __init__(
         self,
@@ -87,6 +91,16 @@ class ActiveVisionEnv(gymnasium.Env[Observation, np.int64]):
         backend: str,
         render_mode: str | None = None,
     ) -> None:
+        """Build for a tree of actions, rules, and pictures of a size.
+
+        Raises:
+            ConfigError: the rules forbid to revisit views, and where moves lead is not known beforehand.
+        """
+        if not rules.revisit and not self.knows_moves:
+            raise ConfigError(
+                f"env.rules.revisit=false needs recorded views, since {backend} does not know to which view a"
+                " move leads; leave it true, or record the views."
+            )
         self.tree = tree
         self.rules = rules
         self.backend = backend

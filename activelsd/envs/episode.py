@@ -54,6 +54,8 @@ class EpisodeRules:
         ends_on_wrong: a wrong class terminates the episode.
         can_move: if False, only answers are legal (the paper's 64.3 % baseline).
         try_again: a blocked move stays legal; otherwise it is illegal until the view changes.
+        revisit: moves to views that the episode has shown stay legal; otherwise they are illegal as long as
+            another move leads to a new one. For views that are known beforehand, as recorded ones are.
         max_views: T. The T-th action of an episode is its last and must be an answer: moves are not legal
             there.
     """
@@ -66,6 +68,7 @@ class EpisodeRules:
     ends_on_wrong: bool = False
     can_move: bool = True
     try_again: bool = False
+    revisit: bool = True
     max_views: int = 12
 
     def __post_init__(self) -> None:

@@ -25,6 +25,8 @@ def tree_of(graph: ViewGraph) -> ActionTree:
 class ViewGraphEnv(ActiveVisionEnv):
     """Draws episodes uniformly from a split's starts. See `ActiveVisionEnv` for spaces and info."""
 
+    knows_moves = True
+
     def __init__(
         self,
         graph: ViewGraph,
@@ -68,6 +70,7 @@ class ViewGraphEnv(ActiveVisionEnv):
             row = int(starts[draw(key, count, len(starts))[0]])
             self._drawn += 1
         self._view, self._target = int(self.graph.start_view[row]), int(self.graph.start_target[row])
+        self._shown = {self._view}
         return self.graph.episode(row)
 
     def starts(self) -> NDArray[np.int64]:
@@ -86,4 +89,15 @@ class ViewGraphEnv(ActiveVisionEnv):
         to = int(self.graph.moves[self._view, self._column[name]])
         if to >= 0:
             self._view = to
+            self._shown.add(to)
         return to >= 0
+
+    def action_mask(self) -> NDArray[np.bool_]:
+        """See the base; without `revisit` moves to views shown before are left out if another is left."""
+        mask = super().action_mask()
+        if not self.rules.revisit:
+            moves = mask[self.tree.moves]  # a view of the mask
+            new = moves & ~np.isin(self.graph.moves[self._view], list(self._shown))
+            if new.any():
+                moves[:] = new
+        return mask

@@ -61,6 +61,9 @@ class RulesSettings(Section):
     ends_on_wrong: bool | None = Field(None, description="a wrong class ends it; null: the preset's")
     can_move: bool | None = Field(None, description="there are moves; null: the preset's")
     try_again: bool = Field(False, description="a blocked move stays legal, also at the same view")
+    revisit: bool = Field(
+        True, description="moves to views shown before are legal, also where another leads to a new one"
+    )
     max_views: int | None = Field(
         None, ge=1, description="T, the most views of an episode; null: the preset's"
     )

@@ -22,7 +22,7 @@ from activelsd.envs.graphenv import tree_of
 from activelsd.envs.oracle import Guide
 from activelsd.envs.viewgraph import ViewGraph
 
-STATE = ("keys", "drawn", "row", "seen", "taken", "views", "blocked")
+STATE = ("keys", "drawn", "row", "seen", "taken", "views", "blocked", "shown")
 """Attributes that, with the graph and the rules, fix how a `ViewGraphVectorEnv` continues."""
 
 
@@ -56,6 +56,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
     _keys: Tensor  # (B,) int64 key of each environment's stream of episodes
     _drawn: Tensor  # (B,) int64 number of episodes begun
     _blocked: Tensor  # (B, n) bool moves that were found blocked at the current view
+    _shown: Tensor  # (B, T) int64 views of the episode so far, then -1; (B, 0) if the rules ignore them
 
     def __init__(
         self,
@@ -85,7 +86,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self.single_action_space = gymnasium.spaces.Discrete(self.tree.n)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._k, self._shown, self._variants = frames, frozenset(pictures), variants
+        self._k, self._pictures, self._variants = frames, frozenset(pictures), variants
         self._guide: Guide | None = None
         self._answers = self.tree.span(CLASSIFY)
         self._load(playlist if playlist is not None else graph.starts(split))
@@ -139,6 +140,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._seen = torch.zeros(b, self._k, dtype=torch.int64, device=device)
         self._taken, self._views = torch.zeros_like(self._row), torch.ones_like(self._row)
         self._blocked = torch.zeros(b, self.tree.n, dtype=torch.bool, device=device)
+        self._shown = self._row.new_zeros(b, 0 if self.rules.revisit else self.rules.max_views)
         self._replace(torch.ones(b, dtype=torch.bool, device=device))
 
     def _replace(self, ended: Tensor) -> None:
@@ -156,6 +158,9 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         self._views = self._views.masked_fill(ended, 1)
         if self._remembers:
             self._blocked = self._blocked & ~ended[:, None]
+        if not self.rules.revisit:
+            self._shown = torch.where(ended[:, None], -1, self._shown)
+            self._shown[:, 0] = torch.where(ended, self._start_view[row], self._shown[:, 0])
         self._drawn = self._drawn + ended
 
     def state(self) -> dict[str, Tensor]:
@@ -165,7 +170,8 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
     def load_state(self, tensors: dict[str, Tensor]) -> None:
         """Restores what `state` returned."""
         for name in STATE:
-            setattr(self, f"_{name}", tensors[name].to(self.device))
+            if name in tensors or name != "shown":  # which checkpoints of older versions do not hold
+                setattr(self, f"_{name}", tensors[name].to(self.device))
         self._target = self._start_target[self._row]
 
     def observe(self) -> dict[str, Tensor]:
@@ -174,7 +180,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         If the graph has features, also `features` float16 (B, K, F), or (B, K, W, F) for all variants.
         """
         observation = {}
-        if "frames" in self._shown:
+        if "frames" in self._pictures:
             observation["frames"] = _pictures(self._frames, self._seen)
         shown = self._seen
         if self._pairs is None:
@@ -184,7 +190,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
             observation["target"] = _rows(self._boxes, pairs)
             if self.graph.crops is not None:
                 shown = pairs
-                if "crops" in self._shown:
+                if "crops" in self._pictures:
                     observation["crops"] = _pictures(self._crops, pairs)
         if self._features:
             found = [_rows(one, shown) for one in self._features[: None if self._variants else 1]]
@@ -214,8 +220,19 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         """(B, n) bool: the legal actions."""
         if not self.rules.can_move:
             return self._only_answers.expand(self.num_envs, -1)
-        may_move = (self._taken + 1 < self.rules.max_views)[:, None]
-        return self._only_answers | (may_move & ~self._blocked if self._remembers else may_move)
+        may = (self._taken + 1 < self.rules.max_views)[:, None].expand(-1, self.tree.n)
+        if self._remembers:
+            may = may & ~self._blocked
+        if not self.rules.revisit:
+            may = may & ~self._returning(may)
+        return self._only_answers | may
+
+    def _returning(self, may: Tensor) -> Tensor:
+        """(B, n) bool: moves to views shown before, where one of those that `may` be made leads elsewhere."""
+        to = self._moves[self._seen[:, -1]]
+        known = ((to[:, :, None] == self._shown[:, None]) & (to >= 0)[:, :, None]).any(-1)
+        known = known & (may[:, self.tree.moves] & ~known).any(-1, keepdim=True)
+        return torch.cat([torch.zeros_like(may[:, : self._answers.stop]), known], 1)
 
     def nearer(self) -> Tensor:
         """(B, n) bool: the moves on a shortest path to a good view; all False if targets have no boxes."""
@@ -242,6 +259,9 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         here = torch.where(moved, to, self._seen[:, -1])
         pushed = torch.cat([self._seen[:, 1:], here[:, None]], 1)
         self._seen = torch.where(tried[:, None], pushed, self._seen)
+        if not self.rules.revisit:
+            at = self._views.clamp(max=rules.max_views - 1)[:, None]  # past the end nothing is tried
+            self._shown = torch.where(tried[:, None], self._shown.scatter(1, at, here[:, None]), self._shown)
 
         # Rewards and ends, Table 1.
         answer_reward = torch.where(right, rules.right, rules.wrong)
@@ -255,7 +275,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         if self._remembers:
             tries = torch.zeros_like(self._blocked).scatter_(1, actions[:, None], (tried & ~moved)[:, None])
             self._blocked = (self._blocked | tries) & ~moved[:, None]
-        self._final = (self._seen, self._target, self._taken, self._blocked)
+        self._final = (self._seen, self._target, self._taken, self._blocked, self._shown)
         self._replace(terminated | truncated)
         return Step(reward, terminated, truncated, answer, moved, views, row)
 
@@ -314,11 +334,11 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
 
     def _add_finals(self, infos: dict[str, Any], step: Step, ended: NDArray[np.bool_]) -> None:
         """Adds the last observation and info of the episodes that ended in this step."""
-        now = self._seen, self._target, self._taken, self._blocked
-        self._seen, self._target, self._taken, self._blocked = self._final
+        now = self._seen, self._target, self._taken, self._blocked, self._shown
+        self._seen, self._target, self._taken, self._blocked, self._shown = self._final
         last = self._numpy(self.observe())
         infos["final_info"] = self._infos(step.row.tolist(), step.views, step.moved, ended)
-        self._seen, self._target, self._taken, self._blocked = now
+        self._seen, self._target, self._taken, self._blocked, self._shown = now
         infos["final_obs"] = np.array(
             [{k: v[i] for k, v in last.items()} if ended[i] else None for i in range(self.num_envs)], object
         )

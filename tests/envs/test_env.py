@@ -254,9 +254,10 @@ def test_a_graph_without_moves_is_one_sentence() -> None:
 class Corridor(ActiveVisionEnv):
     """A backend in a few lines, with two branches of moves: three doors in a row, and a lamp to switch."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, revisit: bool = True) -> None:
+        rules = EpisodeRules(blocked=-1.0, revisit=revisit)
         tree = ActionTree({"classify": ["a", "b"], "walk": ["on", "back"], "touch": ["switch"]})
-        super().__init__(tree, EpisodeRules(blocked=-1.0), size=4, frames=2, crops=False, backend="corridor")
+        super().__init__(tree, rules, size=4, frames=2, crops=False, backend="corridor")
         self.asked: list[str] = []
 
     def draw_episode(self, options: dict[str, Any]) -> Episode:
@@ -274,6 +275,11 @@ class Corridor(ActiveVisionEnv):
             return False
         self.place, self.light = to, self.light ^ (name == "switch")
         return True
+
+
+def test_a_backend_that_cannot_tell_where_a_move_leads_must_let_views_be_seen_again() -> None:
+    with pytest.raises(ConfigError, match=r"revisit=false needs recorded views, since corridor does not"):
+        Corridor(revisit=False)
 
 
 @pytest.mark.filterwarnings("ignore:.*not having a spec")

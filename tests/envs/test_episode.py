@@ -61,18 +61,26 @@ def test_rules_are_frozen_and_need_a_view() -> None:
     limit=st.sampled_from([1, 2, 4, 12]),
     priced=st.booleans(),
     try_again=st.booleans(),
+    revisit=st.booleans(),
     seed=st.integers(0, 99),
     data=st.data(),
 )
 def test_episodes_are_played_by_the_table(
-    world: str, preset: str, limit: int, priced: bool, try_again: bool, seed: int, data: st.DataObject
+    world: str,
+    preset: str,
+    limit: int,
+    priced: bool,
+    try_again: bool,
+    revisit: bool,
+    seed: int,
+    data: st.DataObject,
 ) -> None:
     """Against the table's words, written a second time."""
     graph = GRAPHS[world]
     wrong, on_right, on_wrong, can_move = TABLE[preset]
     move, blocked, right = (-0.125, -0.5, 2.0) if priced else (0.0, 0.0, 1.0)
     rules = replace(PRESETS[preset], max_views=limit, move=move, blocked=blocked, right=right)
-    rules = replace(rules, try_again=try_again)
+    rules = replace(rules, try_again=try_again, revisit=revisit)
     env = ViewGraphEnv(graph, rules, frames=2)
     _, info = env.reset(seed=seed)
     classes = len(graph.classes)
@@ -80,7 +88,9 @@ def test_episodes_are_played_by_the_table(
     path = [place]
     walls: set[int] = set()  # moves that were blocked where it stands
     for t in range(1, limit + 1):
-        legal = [a < classes or (can_move and t < limit and a not in walls) for a in range(env.tree.n)]
+        open_moves = [a for a in range(classes, env.tree.n) if can_move and t < limit and a not in walls]
+        new = [a for a in open_moves if graph.moves[place, a - classes] not in path]
+        legal = [a < classes or a in (open_moves if revisit or not new else new) for a in range(env.tree.n)]
         assert info["action_mask"].tolist() == legal
         action = data.draw(st.integers(0, env.tree.n - 1), label="action")
         observation, reward, terminated, truncated, info = env.step(action)

@@ -59,6 +59,7 @@ def assert_same(ours: tuple[Any, ...], theirs: tuple[Any, ...]) -> None:
     split=st.sampled_from(["train", "val"]),
     seed=st.one_of(st.integers(0, 9), st.lists(st.integers(0, 9), min_size=3, max_size=3)),
     leaning=st.sampled_from([0.0, 0.5, 0.9]),
+    revisit=st.booleans(),
 )
 def test_a_batch_is_its_single_environments(
     world: str,
@@ -69,10 +70,11 @@ def test_a_batch_is_its_single_environments(
     split: str,
     seed: int | list[int | None],
     leaning: float,
+    revisit: bool,
 ) -> None:
     """Any actions, legal or not; `leaning` is how often a move is tried, so that the limit is reached."""
     graph = GRAPHS[world]
-    rules = replace(PRESETS[preset], max_views=limit, move=-0.1, blocked=-0.3)
+    rules = replace(PRESETS[preset], max_views=limit, move=-0.1, blocked=-0.3, revisit=revisit)
     seed = seed[:num_envs] if isinstance(seed, list) else seed
 
     def single() -> ViewGraphEnv:

@@ -63,6 +63,7 @@ class ModelNetSettings(WorldSettings):
         "timm:NAME": {
             "env.rules.preset": "V5",
             "env.rules.move": -0.03,
+            "env.rules.revisit": False,
             "env.navigate": ["orbit_cw", "orbit_ccw", "orbit_cw_90", "orbit_ccw_90", "orbit_opposite"],
         }
     }
