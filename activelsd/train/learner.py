@@ -173,6 +173,9 @@ class Learner:
             if key == _VALUE:
                 self._own[parameter].copy_(value)
             else:
+                like = self._parameters[parameter]
+                if value.shape == like.shape:  # stored in order; weights of convolutions lie channels last
+                    value = torch.empty_like(like).copy_(value)
                 slots.setdefault(names.index(parameter), {})[key] = value
         self.optimiser.load_state_dict({**self.optimiser.state_dict(), "state": slots})
 
