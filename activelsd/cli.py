@@ -119,7 +119,11 @@ def _parser() -> argparse.ArgumentParser:
             )
         if name == "compare":
             sub.add_argument(
-                "--baselines", metavar="A,B", type=_names, default=[], help="players beside the runs"
+                "--baselines",
+                metavar="A,B",
+                type=_names,
+                default=[],
+                help="players beside the runs, MOVES+STOP among them",
             )
             sub.add_argument(
                 "--recognisers",
@@ -271,12 +275,12 @@ def _evaluate(arguments: argparse.Namespace, words: list[str]) -> int:
 
 
 def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
-    from activelsd.registry import players, recognisers
+    from activelsd.registry import moves_and_stop, recognisers
 
     runs, settings = _runs_and_settings(words)
-    for kind, names in ((players, arguments.baselines), (recognisers, arguments.recognisers)):
+    for check, names in ((moves_and_stop, arguments.baselines), (recognisers.check, arguments.recognisers)):
         for name in names:  # before PyTorch is imported
-            kind.check(name)
+            check(name)
     from activelsd.contest import contest
 
     return _show(*contest(runs, arguments.baselines, settings, arguments.out, arguments.recognisers))

@@ -170,7 +170,8 @@ def _recognisers(baselines: Sequence[str], recognisers: Sequence[str]) -> list[s
     """The recognisers asked for, and those that baselines need. Raises ConfigError for unknown names."""
     wanted = list(recognisers)
     for name in baselines:
-        needed = getattr(registry.players.get(name), "recogniser", None)
+        moves, stop = registry.moves_and_stop(name)
+        needed = None if stop else getattr(registry.players.get(moves), "recogniser", None)
         wanted += [needed] if needed is not None and needed not in wanted else []
     for name in wanted:
         registry.recognisers.get(name)

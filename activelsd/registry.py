@@ -198,8 +198,16 @@ players = Registry(
     _in("evaluate.players", no_move="NoMove", random_walk="RandomWalk", random_policy="RandomPolicy")
     | _in("evaluate.players", all_views="AllViews")
     | _in("evaluate.walkers", forward="Forward", object_search="ObjectSearch", oracle="Oracle")
+    | _in("evaluate.players", sweep="Sweep")
+    | _in("evaluate.schedules", quarter="Quarter", spread="Spread")
     | _in("evaluate.nextbest", next_best_move="NextBestMove")
     | _in("evaluate.nextview", expected_entropy="ExpectedEntropy", most_unseen="MostUnseen"),
+)
+stops = Registry(
+    "stop",
+    "stops",
+    _in("evaluate.stops", learned="Learned", confidence="Confidence"),
+    base="activelsd.evaluate.stops:Stop",
 )
 recognisers = Registry(
     "recogniser",
@@ -231,4 +239,27 @@ terms = Registry(
 figures = Registry("figure", "figures", _in("evaluate.metrics", spl="spl"))
 loggers = Registry("logger", "loggers", _in("train.logging", tensorboard="TensorBoard"))
 
-ALL = (worlds, orbit_moves, players, recognisers, trunks, memories, terms, figures, loggers)
+ALL = (worlds, orbit_moves, players, stops, recognisers, trunks, memories, terms, figures, loggers)
+
+LEARNED = "learned"
+"""In place of a player's name in MOVES+STOP: the moves that the run has learned."""
+
+
+def moves_and_stop(player: str) -> tuple[str, str]:
+    """Who moves and who decides when to answer in a player's name, as in `spread+confidence`.
+
+    A stop alone goes with the learned moves, and `random` moves are those of `random_walk`. A player alone
+    has the stop "", its own.
+
+    Raises:
+        UnknownPartError: there is no player or no stop of that name.
+    """
+    moves, plus, stop = player.partition("+")
+    if not plus and not players.knows(moves) and stops.knows(moves):
+        moves, plus, stop = LEARNED, "+", moves
+    if plus:
+        stops.check(stop)
+        moves = "random_walk" if moves == "random" else moves
+    if not (plus and moves == LEARNED):
+        players.check(moves)
+    return moves, stop

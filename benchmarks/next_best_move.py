@@ -27,8 +27,9 @@ from activelsd.envs.avd.starts import BoxScores, starts_by_score, write_scores
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError
 from activelsd.evaluate.metrics import by_allowed
-from activelsd.evaluate.nextbest import SURE, NextBestMove
+from activelsd.evaluate.nextbest import NextBestMove
 from activelsd.evaluate.protocol import EpisodeRow, episodes_of, play
+from activelsd.evaluate.stops import SURE
 from activelsd.evaluate.walkers import move_of
 from activelsd.policy.checkpoint import load_network
 from activelsd.policy.lsdnet import LSDNet
@@ -53,7 +54,7 @@ class RandomMoves(NextBestMove):
 
     name = "random"
 
-    def move(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
+    def move(self, mask: Tensor) -> Tensor:
         """Returns any legal move."""
         return self.random_move(mask)
 
@@ -67,9 +68,9 @@ class ForwardOnly(NextBestMove):
         super().__init__(network, graph, seed)
         self._forward = move_of(network, "forward", self.name)
 
-    def move(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
+    def move(self, mask: Tensor) -> Tensor:
         """Returns forward."""
-        return torch.full_like(first, self._forward, dtype=torch.int64)
+        return torch.full((len(mask),), self._forward, device=mask.device)
 
 
 @torch.inference_mode()

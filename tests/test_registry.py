@@ -26,7 +26,7 @@ def test_every_own_part_is_there(kind: Registry) -> None:
 
 def test_the_kinds_are_those_of_the_documented_groups() -> None:
     parts = ("trunks", "memories", "terms", "figures", "loggers")
-    groups = ("worlds", "orbit_moves", "players", "recognisers", *parts)
+    groups = ("worlds", "orbit_moves", "players", "stops", "recognisers", *parts)
     assert [kind.group for kind in KINDS] == list(groups)
 
 

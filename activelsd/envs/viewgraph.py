@@ -61,6 +61,8 @@ class ViewGraph:
     # (V, 3) camera pose: x and z in metres, heading in degrees from z towards x; NaN if unknown. A simulated
     # room has (V, 5): also the agent's y in metres and the camera's downward tilt in degrees
     poses: NDArray[np.float32] | None = None
+    # (V, 2) azimuth and elevation in degrees of a camera that looks at an object from outside
+    directions: NDArray[np.float32] | None = None
     # (E,) fewest views until one shows the target well, -1 if no such view can be reached
     oracle_views: NDArray[np.int32] | None = None
 

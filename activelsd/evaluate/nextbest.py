@@ -9,30 +9,18 @@ newest view counts; theirs was a frozen ResNet-18 trained on other pictures.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-import torch
-from torch import Tensor
-
+from activelsd.envs.viewgraph import ViewGraph
 from activelsd.evaluate.players import Trained
-
-SURE = 0.9
-"""Score of the likeliest class at which a player answers."""
+from activelsd.evaluate.stops import Confidence
+from activelsd.policy.lsdnet import LSDNet
 
 
 class NextBestMove(Trained):
     """Makes the network's likeliest move until the network's score of a class is high enough."""
 
     name = "next_best_move"
+    takes_stops = False
 
-    def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """Returns the likeliest class if it is sure or no move is legal, else a move."""
-        policy = self.look(observation, mask, first)
-        sure = policy.class_log_probs().amax(-1).exp() >= SURE
-        return torch.where(
-            sure | ~mask[:, self.moves].any(1), self.name_class(), self.move(observation, mask, first)
-        )
-
-    def move(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """Returns the next move, int64 (B,); illegal only if no move is legal."""
-        return self.likeliest_move()
+    def __init__(self, network: LSDNet, graph: ViewGraph | None = None, seed: int = 0) -> None:
+        super().__init__(network, graph, seed)
+        self.stop = Confidence(network)

@@ -15,9 +15,9 @@ from torch import Tensor
 
 from activelsd.envs.actions import CLASSIFY
 from activelsd.envs.viewgraph import ViewGraph
-from activelsd.evaluate.nextbest import SURE
 from activelsd.evaluate.recognisers.interface import Recogniser
 from activelsd.evaluate.recognisers.shapenets import ShapeNets
+from activelsd.evaluate.stops import SURE
 from activelsd.policy.lsdnet import LSDNet
 from activelsd.scenery.voxels import SIDE, SURFACE, UNSEEN
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -12,34 +13,41 @@ from activelsd import registry
 from activelsd.envs.actions import CLASSIFY
 from activelsd.envs.draws import draw, draw_key
 from activelsd.envs.viewgraph import ViewGraph
+from activelsd.errors import ConfigError
 from activelsd.evaluate.protocol import Player
+from activelsd.evaluate.stops import Learned, Stop
 from activelsd.policy.heads import ActionDistribution
 from activelsd.policy.lsdnet import LSDNet
 
 
 def make_player(name: str, network: LSDNet, graph: ViewGraph, seed: int) -> Player:
-    """Returns the player that is registered under a name, called by that name.
+    """Returns the player of a name, called by that name: a registered one, or MOVES+STOP.
+
+    MOVES is a registered player whose moves are combined with another stop, or `learned` for the run's own.
 
     Raises:
-        UnknownPartError: no player has that name.
-        ConfigError: the player needs moves or boxes that this world does not have.
+        UnknownPartError: no player or stop has that name.
+        ConfigError: the player needs moves or boxes that this world does not have, or takes no other stop.
     """
-    make = registry.players.get(name)
-    with registry.players.blaming(name, "cannot be made"):
+    moves, stop = registry.moves_and_stop(name)
+    make = Trained if moves == registry.LEARNED else registry.players.get(moves)
+    with registry.players.blaming(moves, "cannot be made"):
         player: Player = make(network, graph, seed)
         player.name, _ = name, player.frames
+    if stop:
+        if not (isinstance(player, Trained) and player.takes_stops):
+            raise ConfigError(f"{moves} decides by itself when to answer; write {moves} in place of {name}.")
+        with registry.stops.blaming(stop, "cannot be made"):
+            player.stop = registry.stops.get(stop)(network)
     return player
 
 
 class Trained:
     """A network that recognises, moves and decides when to stop.
 
-    It takes the likeliest class and the likeliest move. It stops at the median of the time at which the
-    policy would stop if its actions were drawn as in training: at the view by which it would have answered in
-    half of all cases. If it stopped only where an answer is likelier than a move, a policy that answers with
-    a chance of a little less than a half at every view would always go on to the last one.
+    It takes the likeliest class and the likeliest move, and answers when its stop says so.
 
-    Other players derive from it; `act` is all that they need to define.
+    Other players derive from it, and define `act`, or `move` alone.
 
     Attributes:
         name: what tables and files call the player.
@@ -48,9 +56,12 @@ class Trained:
         classes: the actions that answer.
         moves: the actions that move, of all branches.
         draws: random draws that the seed fixes, for players that need them.
+        stop: decides when to answer; `stops.Learned`, as the run was trained, unless replaced.
+        takes_stops: whether another stop may replace it; of the class.
     """
 
     name = "trained"
+    takes_stops: ClassVar[bool] = True
 
     def __init__(
         self, network: LSDNet, graph: ViewGraph | None = None, seed: int = 0, *, name: str | None = None
@@ -59,23 +70,24 @@ class Trained:
         self.name = name or self.name
         self.network, self.frames = network, network.shape.frames
         self.classes, self.moves = network.tree.span(CLASSIFY), network.tree.moves
-        self._classify = network.tree.branches.index(CLASSIFY)
+        self.stop: Stop = Learned(network)
         self.draws = Draws(seed)
 
     def begin(self, batch: int) -> None:
         """Clears the memory and starts the draws again."""
         self.draws.begin(batch)
         self._memory = self.network.initial_state(batch)
-        self._unanswered = torch.ones(batch, device=self.network.device)
+        self.stop.begin(batch, self.network.device)
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """Returns the likeliest class if it stops here, else the likeliest move."""
+        """Returns the likeliest class if it stops here or no move is legal, else a move."""
         self.look(observation, mask, first)
-        return torch.where(self.stops(), self.name_class(), self.likeliest_move())
+        ends = self.stop.stops() | ~mask[:, self.moves].any(1)
+        return torch.where(ends, self.name_class(), self.move(mask))
 
-    def stops(self) -> Tensor:
-        """Returns whether it answers at this view, bool (B,)."""
-        return self._unanswered <= 0.5
+    def move(self, mask: Tensor) -> Tensor:
+        """Returns the next move, int64 (B,); illegal only if no move is legal."""
+        return self.likeliest_move()
 
     def answer(self) -> Tensor:
         """Returns the likeliest class given all views in memory, int64 (B,)."""
@@ -89,9 +101,7 @@ class Trained:
         output = self.network(one, self._memory, first[None])
         self._memory = output.state
         self._policy: ActionDistribution = self.network.distribution(output.logits[0], mask)
-        answers = self._policy.branch_probs()[:, self._classify]
-        # Probability that a policy whose actions are drawn would not have answered yet.
-        self._unanswered = torch.where(first, 1.0, self._unanswered) * (1.0 - answers)
+        self.stop.look(self._policy, first)
         return self._policy
 
     def name_class(self) -> Tensor:
@@ -113,6 +123,7 @@ class NoMove(Trained):
     """The network answers at the first view."""
 
     name = "no_move"
+    takes_stops = False
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
         """Returns the likeliest class."""
@@ -120,13 +131,10 @@ class NoMove(Trained):
         return self.name_class()
 
 
-class AllViews(Trained):
-    """Sees all views that one repeated move leads to, then answers: the most that looking can give a network.
+class Sweep(Trained):
+    """Repeats the move that sees the most views from the episode's start, until its stop or all are seen."""
 
-    In every episode it repeats the move that sees the most views from that episode's start.
-    """
-
-    name = "all_views"
+    name = "sweep"
 
     def __init__(self, network: LSDNet, graph: ViewGraph, seed: int = 0) -> None:
         super().__init__(network, graph, seed)
@@ -144,14 +152,30 @@ class AllViews(Trained):
         self._views = views
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """Returns the repeated move until all its views are seen or it is not legal, then the answer."""
+        """Returns the repeated move until it stops, all its views are seen, or it is not legal."""
         self.look(observation, mask, first)
         for i in first.nonzero().squeeze(1).tolist():
             column, length = longest_sweep(self._graph, int(self._views[i]))
             self._move[i], self._length[i], self._seen[i] = self.moves.start + column, length, 0
         self._seen += 1
         legal = mask.gather(1, self._move[:, None]).squeeze(1)
-        return torch.where((self._seen < self._length) & legal, self._move, self.name_class())
+        goes = (self._seen < self._length) & legal & ~self.hurries()
+        return torch.where(goes, self._move, self.name_class())
+
+    def hurries(self) -> Tensor:
+        """Returns whether it answers before all is seen, bool (B,)."""
+        return self.stop.stops()
+
+
+class AllViews(Sweep):
+    """Sees all views that one repeated move leads to: the most that looking can give a network."""
+
+    name = "all_views"
+    takes_stops = False
+
+    def hurries(self) -> Tensor:
+        """Never."""
+        return torch.zeros_like(self._seen, dtype=torch.bool)
 
 
 class Draws:
@@ -190,10 +214,9 @@ class RandomWalk(Trained):
 
     name = "random_walk"
 
-    def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
-        """Returns the network's answer if it stops here, else any legal move."""
-        self.look(observation, mask, first)
-        return torch.where(self.stops(), self.name_class(), self.random_move(mask))
+    def move(self, mask: Tensor) -> Tensor:
+        """Returns any legal move."""
+        return self.random_move(mask)
 
 
 class RandomPolicy:

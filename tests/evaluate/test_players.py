@@ -24,7 +24,10 @@ from tests.evaluate.worlds import CLASSES, RULES, Checked, network, ring, rings
 
 GRAPH = ring()
 # The others need a world to walk in, see test_walkers.
-NAMES = ["trained", "no_move", "random_walk", "random_policy", "all_views", "next_best_move"]
+NAMES = [
+    *("trained", "no_move", "random_walk", "random_policy", "all_views", "next_best_move", "sweep"),
+    *("confidence", "random+learned", "sweep+confidence"),
+]
 
 
 def make(name: str, net: LSDNet, graph: ViewGraph = GRAPH, seed: int = 0) -> Player:

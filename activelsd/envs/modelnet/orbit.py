@@ -74,7 +74,7 @@ def move_tables(names: Sequence[str], rigs: Sequence[Rig]) -> dict[Rig, NDArray[
 def with_moves(
     graph: ViewGraph, moves: Sequence[str] | Mapping[str, Sequence[str]], rigs: Sequence[Rig]
 ) -> ViewGraph:
-    """The graph of objects with these moves, by branch or all `navigate`.
+    """The graph of objects with these moves, by branch or all `navigate`, and the cameras' directions.
 
     Args:
         graph: every scene is an object.
@@ -89,5 +89,6 @@ def with_moves(
         table[first : first + len(own)] = np.where(own >= 0, own + first, -1)
         first += len(own)
     assert first == len(table)
-    graph = replace(graph, moves=table, move_names=names, move_branches=None)
+    directions = np.array([camera for rig in rigs for camera in rig.cameras], np.float32).reshape(-1, 2)
+    graph = replace(graph, moves=table, move_names=names, move_branches=None, directions=directions)
     return graph.with_moves(moves)
