@@ -132,6 +132,7 @@ def _parser() -> argparse.ArgumentParser:
                 default=[],
                 help="recognisers to train on the same views, unless that is done, and to measure",
             )
+            sub.add_argument("--frontier", action="store_true", help="also compare all at equal mean views")
     return parser
 
 
@@ -283,7 +284,16 @@ def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
             check(name)
     from activelsd.contest import contest
 
-    return _show(*contest(runs, arguments.baselines, settings, arguments.out, arguments.recognisers))
+    return _show(
+        *contest(
+            runs,
+            arguments.baselines,
+            settings,
+            arguments.out,
+            arguments.recognisers,
+            frontier=arguments.frontier,
+        )
+    )
 
 
 def _figures(arguments: argparse.Namespace, words: list[str]) -> int:
@@ -385,7 +395,7 @@ VERBS = {
     ),
     "compare": Verb(
         _compare,
-        "compare [RUN …] --baselines A,B [--recognisers A,B] [--out DIR]"
+        "compare [RUN …] --baselines A,B [--recognisers A,B] [--frontier] [--out DIR]"
         " [evaluate.key=value | env.dataset.path=PATH …]",
         "Play runs and baselines on the same episodes; the newest run where none is named",
     ),

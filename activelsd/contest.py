@@ -21,6 +21,7 @@ from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import RunError
 from activelsd.evaluate import result_files
 from activelsd.evaluate.compare import Comparison, Entrant, compare
+from activelsd.evaluate.equal_views import measure_frontier
 from activelsd.evaluate.recognisers.objects import Objects
 from activelsd.evaluate.recognisers.rows import recognise
 from activelsd.features import with_features
@@ -57,6 +58,7 @@ def contest(
     words: Sequence[str],
     out: Path | None = None,
     recognisers: Sequence[str] = (),
+    frontier: bool = False,
 ) -> tuple[list[Comparison], list[Path]]:
     """Play runs and players on the same episodes, measure recognisers, and write the results.
 
@@ -67,12 +69,13 @@ def contest(
         out: folder of the results; None: the first run's.
         recognisers: names of recognisers that name the same objects; trained in the first run's world, with
             its kind of trunk, unless that is done. Those that baselines need are added.
+        frontier: also compare all at equal mean views, with thresholds chosen on validation objects.
 
     Raises:
         UserError: a run, baseline, recogniser or setting is not one there is, the runs' episodes are not the
             same, or the world lacks what a recogniser needs.
     """
-    return _play(folders, baselines, words, "comparison", out, recognisers)
+    return _play(folders, baselines, words, "comparison", out, recognisers, frontier=frontier)
 
 
 def _play(
@@ -82,13 +85,15 @@ def _play(
     stem: str,
     out: Path | None,
     recognisers: Sequence[str] = (),
+    *,
+    frontier: bool = False,
 ) -> tuple[list[Comparison], list[Path]]:
     runs = named_runs(folders)
     folder = runs[0].folder if out is None else out.expanduser()
     check_writable(folder, ELSEWHERE)  # before anything is played
     comparisons: list[Comparison] = []
     written: list[Path] = []
-    for played in play_runs(runs, baselines, words, recognisers):
+    for played in play_runs(runs, baselines, words, recognisers, frontier=frontier):
         comparisons.append(played.comparison)
         with writing(folder):
             written += result_files.write(played.comparison, folder, stem + played.suffix)
@@ -118,7 +123,12 @@ def writing(folder: Path) -> Iterator[None]:
 
 
 def play_runs(
-    runs: Sequence[Run], baselines: Sequence[str], words: Sequence[str], recognisers: Sequence[str] = ()
+    runs: Sequence[Run],
+    baselines: Sequence[str],
+    words: Sequence[str],
+    recognisers: Sequence[str] = (),
+    *,
+    frontier: bool = False,
 ) -> Iterator[Played]:
     """Plays and measures all in each world of the first run, as `contest` does."""
     wanted = _recognisers(baselines, recognisers)  # unknown names are refused before worlds are opened
@@ -163,6 +173,18 @@ def play_runs(
             )
         changed = _changes(own[0].worlds[world], settings)
         comparison = replace(comparison, changed=changed, recognised=recognised)
+        if frontier:
+            with progress("Playing to the last view") as show:
+                curves = measure_frontier(
+                    entrants,
+                    baselines,
+                    split=how.evaluate.split,
+                    per_object=how.evaluate.episodes_per_object,
+                    seed=how.evaluate.seed,
+                    device=device,
+                    progress=show,
+                )
+            comparison = replace(comparison, frontier=curves)
         yield Played(entrants, comparison, "" if len(entered) == 1 else f"_{world}")
 
 

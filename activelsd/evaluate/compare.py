@@ -16,6 +16,7 @@ from activelsd.envs.episode import EpisodeRules
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import ConfigError, RunError
+from activelsd.evaluate.frontier import Frontier
 from activelsd.evaluate.metrics import (
     EpisodeGroup,
     Interval,
@@ -125,6 +126,7 @@ class Comparison:
         gain_closed: `metrics.gain_closed` of the reference; None if `no_move` or `all_views` did not play.
         changed: settings of the reference's world that were changed since its training, by dotted key.
         recognised: results of recognisers with the same objects.
+        frontier: accuracy at equal mean views, if it was asked for.
         rows: episodes of every player, in the same order.
         graph: the reference's world.
     """
@@ -138,6 +140,7 @@ class Comparison:
     gain_closed: Interval | None
     changed: Mapping[str, Any] = field(default_factory=dict)
     recognised: Sequence[Recognition] = ()
+    frontier: Frontier | None = None
     rows: dict[str, list[EpisodeRow]] = field(repr=False)
     graph: ViewGraph = field(repr=False)
 
@@ -211,7 +214,7 @@ def compare(
                 backend=entrant.backend,
                 device=device,
                 batch=batch,
-                progress=_shifted(progress, len(rows) * len(episodes[0]), total),
+                progress=shifted(progress, len(rows) * len(episodes[0]), total),
             )
     limits = {player.name: entrant.rules.max_views for player, entrant in turns}
     return assemble(rows, limits, first.graph, split=split, per_object=per_object, seed=seed)
@@ -385,7 +388,7 @@ def _check_same(
         )
 
 
-def _shifted(progress: Progress | None, before: int, total: int) -> Progress | None:
+def shifted(progress: Progress | None, before: int, total: int) -> Progress | None:
     """Returns the progress of one player as a part of all players' progress."""
     if progress is None:
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -58,8 +58,13 @@ def _renamed(comparison: Comparison, classes: Mapping[str, str], players: Mappin
         )
         for row in comparison.rows[reference]
     ]
+    frontier = comparison.frontier and replace(
+        comparison.frontier,
+        curves=[replace(one, name=players[one.name]) for one in comparison.frontier.curves],
+    )
     return replace(
         comparison,
+        frontier=frontier,
         players=[replace(one, name=players[one.name]) for one in comparison.players],
         rows={players[reference]: rows},
     )
@@ -78,7 +83,7 @@ def _draw(comparison: Comparison) -> bytes:
     draw_filmstrips(left, strips, reference.name)
     over, under = right.subplots(2, 1, height_ratios=[1.75, 1.0])
     right.subplots_adjust(left=0.11, right=0.97, top=0.93, bottom=0.105, hspace=0.34)
-    _draw_accuracy(over, comparison.players)
+    _draw_accuracy(over, comparison)
     _draw_ends(under, reference)
     about = _about(comparison)
     figure.text(0.985, 0.012, about, ha="right", va="bottom", fontsize=10, color=FAINT)
@@ -96,13 +101,17 @@ def _about(comparison: Comparison) -> str:
     )
 
 
-def _draw_accuracy(axes: Axes, players: Sequence[Standing]) -> None:
-    """Draws every player's result with intervals, and its accuracy if fewer views were allowed."""
-    for i, one in enumerate(players):
+def _draw_accuracy(axes: Axes, comparison: Comparison) -> None:
+    """Draws every player's result with intervals, and its frontier, or its accuracy with fewer views."""
+    curves = {one.name: one.accuracy for one in comparison.frontier.curves} if comparison.frontier else {}
+    for i, one in enumerate(comparison.players):
         colour = REFERENCE if i == 0 else COLOURS.get(one.name, OTHERS[i % len(OTHERS)])
-        allowed = np.array([[group.views, 100 * group.right / group.episodes] for group in one.allowed])
-        if allowed[-1, 0] > 1.0:
-            axes.plot(*allowed.T, color=colour, linewidth=1.6, alpha=0.75, marker=".", markersize=6)
+        line = np.array([[group.views, 100 * group.right / group.episodes] for group in one.allowed])
+        if comparison.frontier:
+            reached = zip(comparison.frontier.means, curves.get(one.name, ()), strict=False)
+            line = np.array([[mean, 100 * at.mean] for mean, at in reached]).reshape(-1, 2)
+        if len(line) and line[-1, 0] > 1.0:
+            axes.plot(*line.T, color=colour, linewidth=1.6, alpha=0.75, marker=".", markersize=6)
         x, y = one.views, one.accuracy
         axes.errorbar(
             x.mean,
@@ -119,7 +128,8 @@ def _draw_accuracy(axes: Axes, players: Sequence[Standing]) -> None:
             label=f"{one.name}   {100 * y.mean:.1f} %, {x.mean:.2f} views",
         )
     axes.set_title("Accuracy against views", loc="left", fontsize=14, fontweight="bold", color=INK)
-    axes.set_xlabel("mean views seen (dots: with 1, 2, 3 … views allowed)", fontsize=11)
+    dots = "thresholds for equal means" if comparison.frontier else "with 1, 2, 3 … views allowed"
+    axes.set_xlabel(f"mean views seen (dots: {dots})", fontsize=11)
     axes.set_ylabel("accuracy, %", fontsize=11)
     axes.legend(loc="best", fontsize=11, framealpha=0.95)
     axes.set_xlim(left=0.7)

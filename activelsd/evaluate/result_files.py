@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from activelsd.evaluate.compare import Comparison, Difference, Standing
+from activelsd.evaluate.frontier import Frontier
 from activelsd.evaluate.metrics import CONFIDENCE, EpisodeGroup, Interval
 from activelsd.evaluate.recognisers.rows import PUBLISHED, Recognition
 
@@ -66,6 +67,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
         "paired": [_paired(one) for one in comparison.paired],
         "paired_is": f"player minus {comparison.reference.name}, on the same episodes",
         "recognisers": [_recognition(one) for one in comparison.recognised],
+        "frontier": comparison.frontier and _frontier(comparison.frontier),
         "gain_closed": closed and closed.mean,
         "gain_closed_ci": closed and [closed.low, closed.high],
     }
@@ -120,6 +122,18 @@ def _recognition(one: Recognition) -> dict[str, Any]:
     about = {key: value for key, value in asdict(one).items() if key not in ("accuracy", "published")}
     published = {"published_percent": one.published, "published_on": one.published and PUBLISHED}
     return {**about, **_intervals({"accuracy": one.accuracy}), **published}
+
+
+def _frontier(of: Frontier) -> dict[str, Any]:
+    """Returns a column per mean for every player; `area` is the mean accuracy over them."""
+    curves = []
+    for one in of.curves:
+        plain: dict[str, Any] = {"name": one.name}
+        for name, column in (("accuracy", one.accuracy), ("difference", one.difference)):
+            plain[name] = column and [each.mean for each in column]
+            plain[f"{name}_ci"] = column and [[each.low, each.high] for each in column]
+        curves.append(plain | _intervals({"area": one.area, "area_difference": one.area_difference}))
+    return {"mean_views": list(of.means), "thresholds_from": "val", "curves": curves}
 
 
 def _measures(one: Standing | Difference) -> dict[str, Any]:

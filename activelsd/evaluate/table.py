@@ -35,7 +35,11 @@ def render(comparison: Comparison, width: int = WIDTH) -> Group:
     table = _table(
         ("Player", *HEADS), [([_short(name, room), *cells], style) for name, cells, style in lines]
     )
-    more = (*_more(comparison, width, room), *_recognised(comparison, width))
+    more = (
+        *_frontier(comparison, room),
+        *_more(comparison, width, room),
+        *_recognised(comparison, width),
+    )
     return Group(table, *more, *(Text(line) for line in notes(comparison)))
 
 
@@ -51,6 +55,30 @@ def _table(heads: Sequence[str], lines: Iterable[tuple[Sequence[str], str]]) -> 
     for cells, style in lines:
         table.add_row(*map(Text, cells), style=style)
     return table
+
+
+def _frontier(comparison: Comparison, name_width: int) -> Iterator[RenderableType]:
+    """Accuracy at equal mean views, a line per player and one for its differences."""
+    from rich.text import Text
+
+    of = comparison.frontier
+    if of is None:
+        return
+    lines = []
+    for one in of.curves:
+        accuracy = [f"{100 * each.mean:.1f}" for each in (*one.accuracy, one.area)]
+        lines.append(([_short(one.name, name_width), *accuracy], "" if one.difference else "bold"))
+        if one.difference is not None and one.area_difference is not None:
+            apart = [_marked(each) for each in (*one.difference, one.area_difference)]
+            name = _short(VERSUS + comparison.reference.name, name_width)
+            lines.append(([name, *apart], "dim"))
+    yield Text("")
+    yield _table(("At equal views", *(f"{mean:g}" for mean in of.means), "area"), lines)
+
+
+def _marked(apart: Interval) -> str:
+    """A difference in points, with a star if its interval leaves out 0."""
+    return f"{100 * apart.mean:+.1f}" + ("*" if apart.low > 0 or apart.high < 0 else "")
 
 
 def _more(comparison: Comparison, width: int, name_width: int) -> Iterator[RenderableType]:
@@ -138,6 +166,11 @@ def notes(comparison: Comparison) -> Iterator[str]:
         "[ ] are 95 % intervals over objects; differences are paired. Steps: views seen, "
         f"a wrong answer counts {reference.max_views}."
     )
+    if comparison.frontier is not None:
+        yield (
+            "At equal views: accuracy, % at these mean views, thresholds of the stops from val objects;"
+            " area: its mean over them; *: the interval of the difference leaves out 0."
+        )
     if comparison.recognised:
         yield from _about_recognisers(comparison)
     if reference.difficulties:
