@@ -233,7 +233,7 @@ memories = Registry(
 terms = Registry(
     "loss term",
     "terms",
-    _in("train.terms", supervised="Supervised", guided="Guided"),
+    _in("train.terms", supervised="Supervised", smoothing="Smoothing", guided="Guided"),
     base="activelsd.train.terms:Term",
 )
 figures = Registry("figure", "figures", _in("evaluate.metrics", spl="spl"))

@@ -1,10 +1,10 @@
 """Accuracy against mean views: every player at the same means, wherever its own stop would put it.
 
 Where a player goes and when it answers are taken apart. Its episodes are played to their last view, and
-thresholds of its stop, one for every number of views, are chosen on validation objects: for a price per view
-those that earn most there, from the last view backwards. A rising price gives a curve from all views to one.
-Between two neighbouring choices a player is taken to draw which of them to use in each episode, so that all
-are measured at exactly the same mean, with differences paired by episode.
+thresholds of its stop are chosen on validation objects. A stop that has one for every number of views gets
+those that earn most there for a price per view; a rising price gives a curve from all views to one. Between
+two neighbouring choices a player is taken to draw which of them to use in each episode, so that all are
+measured at exactly the same mean, with differences paired by episode.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from activelsd import registry
 from activelsd.evaluate.metrics import Interval, intervals
 from activelsd.evaluate.traces import Trace
 
@@ -23,6 +24,9 @@ MEANS = (1.5, 2.0, 2.5, 3.0, 4.0, 6.0)
 
 PRICES = np.geomspace(1.0, 1e-4, 49)
 """Prices of a view, in right answers, that trace out a curve."""
+
+LEVELS = 200
+"""How many quantiles of its scores are tried as a stop's only threshold."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,19 +95,27 @@ def frontier(
 
 
 def at_means(stop: str, val: Trace, test: Trace, means: Sequence[float]) -> NDArray[np.float64]:
-    """Chances of a right answer, (N, M): of every test episode at each mean, none of them above `longest`."""
-    choices = [thresholds(val, stop, price) for price in PRICES]
-    never = np.full_like(choices[0], np.inf)
-    stops = [stop_at(test, stop, some) for some in [np.full_like(never, -np.inf), *choices, never]]
-    reached = np.maximum.accumulate([float(views.mean()) for views in stops])
+    """Chances of a right answer, (N, M), of every test episode at each mean, which must be within reach."""
+    views = val.right.shape[1]
+    choices = [np.full(views, -np.inf), *_choices(val, stop), np.full(views, np.inf)]
+    stops = [stop_at(test, stop, some) for some in choices]
+    reached = np.maximum.accumulate([float(some.mean()) for some in stops])
     rows, columns = np.arange(len(test.length)), []
     for mean in means:
-        above = max(1, int(np.searchsorted(reached, mean)))
+        above = min(max(1, int(np.searchsorted(reached, mean))), len(stops) - 1)
         low, high = stops[above - 1], stops[above]
         gap = float(high.mean() - low.mean())
         share = (mean - float(low.mean())) / gap if gap > 0 else 0.0
         columns.append((1 - share) * test.right[rows, low - 1] + share * test.right[rows, high - 1])
     return np.stack(columns, 1)
+
+
+def _choices(val: Trace, stop: str) -> list[NDArray[np.float64]]:
+    """Thresholds (T,) from those that stop soonest to those that stop last."""
+    if registry.stops.get(stop).by_view:
+        return [thresholds(val, stop, price) for price in PRICES]
+    levels = np.unique(np.quantile(val.scores[stop], np.linspace(0, 1, LEVELS)))
+    return [np.full(val.right.shape[1], level) for level in levels]
 
 
 def thresholds(trace: Trace, stop: str, price: float) -> NDArray[np.float64]:

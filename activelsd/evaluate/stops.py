@@ -20,11 +20,13 @@ class Stop:
 
     Attributes:
         usual: the threshold, unless others are set.
+        by_view: whether thresholds that are chosen differ by number of views; of the class.
         thresholds: (n,) at 1, 2, … n views; beyond, the last one.
         score: (B,) after the newest view.
     """
 
     usual = SURE
+    by_view = True
 
     def __init__(self, network: LSDNet) -> None:
         self._classify = network.tree.branches.index(CLASSIFY)
@@ -55,10 +57,12 @@ class Learned(Stop):
 
     At the usual threshold it stops at the median: at the view by which the policy would have answered in half
     of all cases. If it stopped only where an answer is likelier than a move, a policy that answers with a
-    chance of a little less than a half at every view would always go on to the last one.
+    chance of a little less than a half at every view would always go on to the last one. The number of views
+    is in it already: thresholds for each, chosen on 210 objects, named 0.2 points fewer of 106 others.
     """
 
     usual = 0.5
+    by_view = False
 
     def rate(self, policy: ActionDistribution, first: Tensor) -> Tensor:
         """See `Stop`."""

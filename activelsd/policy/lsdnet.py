@@ -211,6 +211,12 @@ class LSDNet(nn.Module):
         self.train()
 
     @property
+    def class_logits(self) -> slice:
+        """Where the classes are among the logits."""
+        span, branches = self.tree.span(CLASSIFY), self.policy.out_features - self.tree.n
+        return slice(branches + span.start, branches + span.stop)
+
+    @property
     def frozen_trunk(self) -> ViewTrunk | None:
         """The trunk, if what it finds in a view never changes; its features may be recorded then."""
         return self.trunk if isinstance(self.trunk, ViewTrunk) and self.trunk.frozen else None
@@ -256,9 +262,8 @@ class LSDNet(nn.Module):
             remembered = remembered * observation["dropout"]
         joined = torch.cat([remembered, target], -1)
         logits, value = self.policy(joined), self.value(joined).squeeze(-1)
-        # What is added to all logits except those of the classes, which are one slice, and to the value.
-        span, branches = self.tree.span(CLASSIFY), logits.shape[-1] - self.tree.n
-        start, stop = branches + span.start, branches + span.stop
+        # What is added to all logits except those of the classes, and to the value.
+        start, stop = self.class_logits.start, self.class_logits.stop
         steering: list[Tensor] = []
         if self.surroundings is not None:
             frames = observation["frames"].flatten(0, 1)

@@ -126,7 +126,12 @@ class Learner:
         else:
             returns = n_step_returns(rewards, ended, rollout.bootstrap, gamma)
         weights = Weights(settings.value_weight, now.entropy_branch, now.entropy_leaf)
-        a3c = a3c_losses(policy, output.value, rollout.actions, returns, weights, advantages)
+        steered = policy
+        if not settings.rewarded_classes:
+            logits, classes = output.logits.clone(), self.network.class_logits
+            logits[..., classes] = logits[..., classes].detach()
+            steered = self.network.distribution(logits, rollout.mask, rollout.epsilon)
+        a3c = a3c_losses(steered, output.value, rollout.actions, returns, weights, advantages)
         total, output = a3c.total, output._replace(policy=policy)
         losses = a3c._asdict()
         for name, term in self.terms.items():

@@ -157,6 +157,9 @@ class TrainSettings(BaseModel):
     terms: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(
         {"supervised": 1.0}, description="weight of each loss term by name; 0: none"
     )
+    rewarded_classes: bool = Field(
+        True, description="rewards also teach which class to name; false: the loss terms alone do"
+    )
     entropy_branch: Anneal = Field(Anneal(start=0.05, end=0.005), description="entropy bonus: answer or move")
     entropy_leaf: Anneal = Field(
         Anneal(start=0.01, end=0.01), description="entropy bonus: which answer or move"
@@ -182,6 +185,15 @@ class TrainSettings(BaseModel):
     )
     checkpoint_every: int = Field(50_000, ge=1, description="steps between two checkpoints")
     loggers: list[str] = Field(["tensorboard"], description="where metrics go beside metrics.jsonl")
+
+    @model_validator(mode="after")
+    def _classes_are_taught(self) -> TrainSettings:
+        if not self.rewarded_classes and not any(self.terms.values()):
+            raise ValueError(
+                "train.rewarded_classes=false leaves nobody to teach the classes; leave it true, or set"
+                " train.terms.supervised=1"
+            )
+        return self
 
     def at(self, progress: float) -> Annealed:
         """The annealed values when this share of the training is done, 0..1."""

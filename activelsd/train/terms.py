@@ -44,6 +44,20 @@ class Supervised(Term):
         return functional.nll_loss(log_p.flatten(0, -2), rollout.labels.flatten())
 
 
+class Smoothing(Term):
+    """Cross-entropy of the class branch with all classes alike, at every view.
+
+    With weight w beside `supervised` with 1 it is label smoothing of w / (1 + w) (Szegedy et al. 2016,
+    https://arxiv.org/abs/1512.00567, section 7). Without it a network that knows its training objects by
+    heart is sure of them at the first view, and learns that moving is never needed.
+    """
+
+    def forward(self, rollout: Rollout, output: Output) -> Tensor:
+        """The mean over all steps."""
+        assert output.policy is not None
+        return -output.policy.class_log_probs().mean()
+
+
 class Guided(Term):
     """-log of the probability, given that the agent moves, of the moves that lead nearer to a good look."""
 

@@ -157,3 +157,29 @@ def test_repeated_steps_on_one_rollout_learn_its_labels() -> None:
     again = replace(rollout, output=None)
     losses = [float(learner.update(again, now)["loss/supervised"]) for _ in range(60)]
     assert losses[-1] < 0.3 * losses[0]
+
+
+@pytest.mark.parametrize("head", ["tree", "flat"])
+def test_rewards_leave_the_classes_alone_where_they_are_not_to_teach_them(head: str) -> None:
+    network, rollout = rollout_of(head=head)
+    taught = []
+    for rewarded in (True, False):
+        learner = Learner(network, TrainSettings(rewarded_classes=rewarded, terms={"supervised": 1.0}))
+        losses = learner.losses(replace(rollout, output=None), NOW)
+        network.zero_grad()
+        (losses["policy"] - losses["entropy_leaf"] - losses["entropy_branch"]).backward()
+        gradient = network.policy.weight.grad
+        assert gradient is not None
+        classes = torch.zeros(len(gradient), dtype=torch.bool)
+        classes[network.class_logits] = True
+        assert gradient[~classes].any(1).all(), "whether to answer and where to go are learned from reward"
+        taught.append(bool(gradient[classes].any()))
+        network.zero_grad()
+        learner.losses(replace(rollout, output=None), NOW)["supervised"].backward()
+        assert network.policy.weight.grad[classes].any(1).all()  # type: ignore[index]
+    assert taught == [True, False]
+
+
+def test_somebody_must_teach_the_classes() -> None:
+    with pytest.raises(ValueError, match="leaves nobody to teach the classes"):
+        TrainSettings(rewarded_classes=False, terms={"supervised": 0.0})

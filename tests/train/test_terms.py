@@ -1,4 +1,4 @@
-"""Loss terms: the two of this package by hand, and what the learner does with terms of others."""
+"""Loss terms: those of this package by hand, and what the learner does with terms of others."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from activelsd.train.learner import Learner
 from activelsd.train.parallel import Group
 from activelsd.train.rollout import Rollout
 from activelsd.train.settings import TrainSettings
-from activelsd.train.terms import Guided, Supervised, Term, needs_nearer
+from activelsd.train.terms import Guided, Smoothing, Supervised, Term, needs_nearer
 from tests.train.test_learner import NOW, rollout_of
 from tests.train.test_trainer import assert_same, new_run, trainer
 
@@ -71,6 +71,19 @@ def evaluated(term: type[Term], distribution: Any, tree: ActionTree, **rollout: 
     output = SimpleNamespace(policy=distribution, value=torch.zeros(1))
     loss: Tensor = term(SimpleNamespace(tree=tree))(SimpleNamespace(**rollout), output)  # type: ignore[arg-type]
     return loss
+
+
+def test_smoothing_beside_supervised_is_pytorchs_label_smoothing() -> None:
+    tree = ActionTree.answer_or_move(["a", "b", "c"], ["left"])
+    logits, labels = torch.randn(4, 2, 6), torch.tensor([[0, 1], [2, 0], [1, 1], [2, 2]])
+    legal = torch.ones(4, 2, 4, dtype=torch.bool)
+    distribution = TreeCategorical(tree, logits[..., :2], logits[..., 2:], legal)
+    plain = evaluated(Supervised, distribution, tree, labels=labels)
+    smooth = evaluated(Smoothing, distribution, tree, labels=labels)
+    expected = nn.functional.cross_entropy(
+        logits[..., 2:5].flatten(0, 1), labels.flatten(), label_smoothing=0.1 / 1.1
+    )
+    torch.testing.assert_close(plain + 0.1 * smooth, 1.1 * expected)
 
 
 def test_supervised_is_the_cross_entropy_of_the_class_branch() -> None:
