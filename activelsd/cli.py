@@ -133,11 +133,24 @@ def _parser() -> argparse.ArgumentParser:
                 help="recognisers to train on the same views, unless that is done, and to measure",
             )
             sub.add_argument("--frontier", action="store_true", help="also compare all at equal mean views")
+            sub.add_argument(
+                "--views", metavar="M", type=_mean, help="choose all stops for a mean of M views"
+            )
     return parser
 
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _mean(text: str) -> float:
+    try:
+        views = float(text)
+    except ValueError:
+        views = 0.0
+    if not 1 <= views < 1000:
+        raise UserError(f"--views {text}: must be a number of views, 1 or more, as in --views 2.5.")
+    return views
 
 
 def _dispatch(argv: list[str]) -> int:
@@ -292,6 +305,7 @@ def _compare(arguments: argparse.Namespace, words: list[str]) -> int:
             arguments.out,
             arguments.recognisers,
             frontier=arguments.frontier,
+            views=arguments.views,
         )
     )
 
@@ -395,7 +409,7 @@ VERBS = {
     ),
     "compare": Verb(
         _compare,
-        "compare [RUN …] --baselines A,B [--recognisers A,B] [--frontier] [--out DIR]"
+        "compare [RUN …] --baselines A,B [--recognisers A,B] [--frontier] [--views M] [--out DIR]"
         " [evaluate.key=value | env.dataset.path=PATH …]",
         "Play runs and baselines on the same episodes; the newest run where none is named",
     ),

@@ -21,7 +21,7 @@ from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import RunError
 from activelsd.evaluate import result_files
 from activelsd.evaluate.compare import Comparison, Entrant, compare
-from activelsd.evaluate.equal_views import measure_frontier
+from activelsd.evaluate.equal_views import measure_frontier, thresholds_at
 from activelsd.evaluate.recognisers.objects import Objects
 from activelsd.evaluate.recognisers.rows import recognise
 from activelsd.features import with_features
@@ -59,6 +59,7 @@ def contest(
     out: Path | None = None,
     recognisers: Sequence[str] = (),
     frontier: bool = False,
+    views: float | None = None,
 ) -> tuple[list[Comparison], list[Path]]:
     """Play runs and players on the same episodes, measure recognisers, and write the results.
 
@@ -70,12 +71,14 @@ def contest(
         recognisers: names of recognisers that name the same objects; trained in the first run's world, with
             its kind of trunk, unless that is done. Those that baselines need are added.
         frontier: also compare all at equal mean views, with thresholds chosen on validation objects.
+        views: let every player that takes a stop answer so late that it sees about so many views on average
+            on validation objects; None: when its stop says so as usual.
 
     Raises:
         UserError: a run, baseline, recogniser or setting is not one there is, the runs' episodes are not the
             same, or the world lacks what a recogniser needs.
     """
-    return _play(folders, baselines, words, "comparison", out, recognisers, frontier=frontier)
+    return _play(folders, baselines, words, "comparison", out, recognisers, frontier=frontier, views=views)
 
 
 def _play(
@@ -87,13 +90,14 @@ def _play(
     recognisers: Sequence[str] = (),
     *,
     frontier: bool = False,
+    views: float | None = None,
 ) -> tuple[list[Comparison], list[Path]]:
     runs = named_runs(folders)
     folder = runs[0].folder if out is None else out.expanduser()
     check_writable(folder, ELSEWHERE)  # before anything is played
     comparisons: list[Comparison] = []
     written: list[Path] = []
-    for played in play_runs(runs, baselines, words, recognisers, frontier=frontier):
+    for played in play_runs(runs, baselines, words, recognisers, frontier=frontier, views=views):
         comparisons.append(played.comparison)
         with writing(folder):
             written += result_files.write(played.comparison, folder, stem + played.suffix)
@@ -129,6 +133,7 @@ def play_runs(
     recognisers: Sequence[str] = (),
     *,
     frontier: bool = False,
+    views: float | None = None,
 ) -> Iterator[Played]:
     """Plays and measures all in each world of the first run, as `contest` does."""
     wanted = _recognisers(baselines, recognisers)  # unknown names are refused before worlds are opened
@@ -160,31 +165,44 @@ def play_runs(
             if wanted
             else ([], {})
         )
+        per_object, seed = how.evaluate.episodes_per_object, how.evaluate.seed
+        thresholds = None
+        if views is not None:
+            with progress("Choosing thresholds") as show:
+                thresholds = thresholds_at(
+                    views, entrants, baselines, device=device, progress=show, per_object=per_object, seed=seed
+                )
         with progress("Playing episodes") as show:
             comparison = compare(
                 entrants,
                 baselines,
                 split=how.evaluate.split,
-                per_object=how.evaluate.episodes_per_object,
-                seed=how.evaluate.seed,
                 device=device,
                 progress=show,
                 recognisers=learned,
+                thresholds=thresholds,
+                per_object=per_object,
+                seed=seed,
             )
-        changed = _changes(own[0].worlds[world], settings)
-        comparison = replace(comparison, changed=changed, recognised=recognised)
+        curves = None
         if frontier:
             with progress("Playing to the last view") as show:
                 curves = measure_frontier(
                     entrants,
                     baselines,
                     split=how.evaluate.split,
-                    per_object=how.evaluate.episodes_per_object,
-                    seed=how.evaluate.seed,
                     device=device,
                     progress=show,
+                    per_object=per_object,
+                    seed=seed,
                 )
-            comparison = replace(comparison, frontier=curves)
+        comparison = replace(
+            comparison,
+            changed=_changes(own[0].worlds[world], settings),
+            recognised=recognised,
+            frontier=curves,
+            wanted_views=views,
+        )
         yield Played(entrants, comparison, "" if len(entered) == 1 else f"_{world}")
 
 

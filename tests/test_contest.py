@@ -46,6 +46,28 @@ def test_compare_takes_the_newest_run_and_leaves_all_files(
     assert len((run / "episodes.jsonl").read_text().splitlines()) == 3 * 48
 
 
+def test_all_are_compared_at_equal_views(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    players = ["random_walk", "spread+confidence", "no_move"]
+    assert cli.main(["compare", "--baselines", ",".join(players), "--frontier", "--views", "2.5"]) == 0
+    said = capsys.readouterr().out
+    lines = said.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("At equal views"))
+    assert lines[at].split() == ["At", "equal", "views", "1.5", "2", "2.5", "3", "4", "6", "area"]
+    named = ["trained", "random_walk", "vs", "spread+confidence", "vs"]
+    assert [line.split()[0] for line in lines[at + 2 : at + 7]] == named
+    assert max(map(len, lines[:-2])) <= 80, "the folder's name aside"
+    assert "Thresholds of all stops were chosen on val objects for 2.5 views." in said
+    read = json.loads((run / "comparison.json").read_text())
+    assert read["wanted_views"] == 2.5
+    frontier = read["frontier"]
+    assert [one["name"] for one in frontier["curves"]] == ["trained", "random_walk", "spread+confidence"]
+    assert all(len(one["accuracy_ci"]) == len(frontier["mean_views"]) for one in frontier["curves"])
+    assert cli.main(["compare", "--views", "0.5"]) == 2
+    assert capsys.readouterr().err == (
+        "activelsd: --views 0.5: must be a number of views, 1 or more, as in --views 2.5.\n"
+    )
+
+
 def as_meshes(folder: Path, classes: Sequence[str] = ("cup", "vase")) -> Path:
     """A folder of small meshes, none of them the run's own."""
     for i, name in enumerate(classes):

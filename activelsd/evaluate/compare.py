@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from activelsd import registry
@@ -127,6 +128,7 @@ class Comparison:
         changed: settings of the reference's world that were changed since its training, by dotted key.
         recognised: results of recognisers with the same objects.
         frontier: accuracy at equal mean views, if it was asked for.
+        wanted_views: mean views that thresholds of stops were chosen for; None: the usual ones.
         rows: episodes of every player, in the same order.
         graph: the reference's world.
     """
@@ -141,6 +143,7 @@ class Comparison:
     changed: Mapping[str, Any] = field(default_factory=dict)
     recognised: Sequence[Recognition] = ()
     frontier: Frontier | None = None
+    wanted_views: float | None = None
     rows: dict[str, list[EpisodeRow]] = field(repr=False)
     graph: ViewGraph = field(repr=False)
 
@@ -161,6 +164,7 @@ def compare(
     batch: int = BATCH,
     progress: Progress | None = None,
     recognisers: Mapping[str, Recogniser] | None = None,
+    thresholds: Mapping[str, NDArray[np.float64]] | None = None,
 ) -> Comparison:
     """Plays trained runs and registered players on the same episodes.
 
@@ -175,6 +179,7 @@ def compare(
         batch: episodes in parallel; it changes only the time taken.
         progress: called with the finished and all episodes of all players.
         recognisers: trained ones by name, for baselines that name by them.
+        thresholds: of players' stops by player, in place of the usual ones.
 
     Raises:
         ConfigError: a baseline is unknown or does not fit the world, or two players have the same name.
@@ -194,6 +199,9 @@ def compare(
                     f"Player '{player.name}' needs the recogniser '{player.recogniser}'; train it first."
                 )
             player.take(recognisers[player.recogniser])
+        if thresholds and player.name in thresholds:
+            assert isinstance(player, Trained)
+            player.stop.thresholds = torch.from_numpy(thresholds[player.name]).float()
     names = [player.name for player, _ in turns]
     for name in names:
         if names.count(name) > 1:

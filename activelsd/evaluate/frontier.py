@@ -96,9 +96,7 @@ def frontier(
 
 def at_means(stop: str, val: Trace, test: Trace, means: Sequence[float]) -> NDArray[np.float64]:
     """Chances of a right answer, (N, M), of every test episode at each mean, which must be within reach."""
-    views = val.right.shape[1]
-    choices = [np.full(views, -np.inf), *_choices(val, stop), np.full(views, np.inf)]
-    stops = [stop_at(test, stop, some) for some in choices]
+    stops = [stop_at(test, stop, some) for some in _choices(val, stop)]
     reached = np.maximum.accumulate([float(some.mean()) for some in stops])
     rows, columns = np.arange(len(test.length)), []
     for mean in means:
@@ -110,12 +108,20 @@ def at_means(stop: str, val: Trace, test: Trace, means: Sequence[float]) -> NDAr
     return np.stack(columns, 1)
 
 
+def nearest(val: Trace, stop: str, mean: float) -> NDArray[np.float64]:
+    """Those thresholds (T,) with which the mean views of validation objects are nearest to a wanted mean."""
+    return min(_choices(val, stop), key=lambda some: abs(float(stop_at(val, stop, some).mean()) - mean))
+
+
 def _choices(val: Trace, stop: str) -> list[NDArray[np.float64]]:
-    """Thresholds (T,) from those that stop soonest to those that stop last."""
+    """Thresholds (T,) from those that stop at the first view to those that stop at the last."""
+    views = val.right.shape[1]
     if registry.stops.get(stop).by_view:
-        return [thresholds(val, stop, price) for price in PRICES]
-    levels = np.unique(np.quantile(val.scores[stop], np.linspace(0, 1, LEVELS)))
-    return [np.full(val.right.shape[1], level) for level in levels]
+        between = [thresholds(val, stop, price) for price in PRICES]
+    else:
+        levels = np.unique(np.quantile(val.scores[stop], np.linspace(0, 1, LEVELS)))
+        between = [np.full(views, level) for level in levels]
+    return [np.full(views, -np.inf), *between, np.full(views, np.inf)]
 
 
 def thresholds(trace: Trace, stop: str, price: float) -> NDArray[np.float64]:

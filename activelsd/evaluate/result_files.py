@@ -67,6 +67,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
         "paired": [_paired(one) for one in comparison.paired],
         "paired_is": f"player minus {comparison.reference.name}, on the same episodes",
         "recognisers": [_recognition(one) for one in comparison.recognised],
+        "wanted_views": comparison.wanted_views,
         "frontier": comparison.frontier and _frontier(comparison.frontier),
         "gain_closed": closed and closed.mean,
         "gain_closed_ci": closed and [closed.low, closed.high],

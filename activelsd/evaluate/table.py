@@ -166,6 +166,8 @@ def notes(comparison: Comparison) -> Iterator[str]:
         "[ ] are 95 % intervals over objects; differences are paired. Steps: views seen, "
         f"a wrong answer counts {reference.max_views}."
     )
+    if comparison.wanted_views is not None:
+        yield f"Thresholds of all stops were chosen on val objects for {comparison.wanted_views:g} views."
     if comparison.frontier is not None:
         yield (
             "At equal views: accuracy, % at these mean views, thresholds of the stops from val objects;"
