@@ -181,7 +181,8 @@ def draw_view(axes: Axes, strip: Filmstrip, i: int) -> None:
 
 def move_label(move: str) -> str:
     """A move's name in short, with a word per line."""
-    return move.removeprefix("orbit_").replace("backward", "back").replace("_", "\n")
+    shorter = move.removeprefix("orbit_").replace("backward", "back").replace("opposite", "180")
+    return shorter.replace("_", "\n")
 
 
 def _draw_target(axes: Axes, box: NDArray[np.float32], crop: NDArray[np.uint8] | None, side: int) -> None:
