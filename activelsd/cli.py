@@ -148,7 +148,7 @@ def _mean(text: str) -> float:
         views = float(text)
     except ValueError:
         views = 0.0
-    if not 1 <= views < 1000:
+    if not views >= 1:
         raise UserError(f"--views {text}: must be a number of views, 1 or more, as in --views 2.5.")
     return views
 

@@ -22,6 +22,7 @@ from activelsd.errors import RunError
 from activelsd.evaluate import result_files
 from activelsd.evaluate.compare import Comparison, Entrant, compare
 from activelsd.evaluate.equal_views import measure_frontier, thresholds_at
+from activelsd.evaluate.players import check_stop
 from activelsd.evaluate.recognisers.objects import Objects
 from activelsd.evaluate.recognisers.rows import recognise
 from activelsd.features import with_features
@@ -65,7 +66,7 @@ def contest(
 
     Args:
         folders: of runs; the first is what the others are compared with. None: the newest in `./runs`.
-        baselines: names of players that share the first run's network, moves and rules.
+        baselines: names of players, or MOVES+STOP, that share the first run's network and rules.
         words: settings as `key=value`, see `CHANGEABLE`.
         out: folder of the results; None: the first run's.
         recognisers: names of recognisers that name the same objects; trained in the first run's world, with
@@ -211,6 +212,7 @@ def _recognisers(baselines: Sequence[str], recognisers: Sequence[str]) -> list[s
     wanted = list(recognisers)
     for name in baselines:
         moves, stop = registry.moves_and_stop(name)
+        check_stop(moves, stop)
         needed = None if stop else getattr(registry.players.get(moves), "recogniser", None)
         wanted += [needed] if needed is not None and needed not in wanted else []
     for name in wanted:

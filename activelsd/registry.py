@@ -254,12 +254,16 @@ def moves_and_stop(player: str) -> tuple[str, str]:
     Raises:
         UnknownPartError: there is no player or no stop of that name.
     """
+    if players.knows(player):
+        return player, ""
     moves, plus, stop = player.partition("+")
-    if not plus and not players.knows(moves) and stops.knows(moves):
-        moves, plus, stop = LEARNED, "+", moves
-    if plus:
-        stops.check(stop)
-        moves = "random_walk" if moves == "random" else moves
-    if not (plus and moves == LEARNED):
-        players.check(moves)
-    return moves, stop
+    if not plus:
+        if not stops.knows(player):
+            raise UnknownPartError("player", player, [*players.names(), *stops.names()], "")
+        return LEARNED, player
+    stops.check(stop)
+    if moves == LEARNED or players.knows(moves):
+        return moves, stop
+    if moves == "random":
+        return "random_walk", stop
+    raise UnknownPartError("player", moves, [*players.names(), LEARNED, "random"], "")

@@ -96,8 +96,8 @@ class ViewGraphEnv(ActiveVisionEnv):
         """See the base; without `revisit` moves to views shown before are left out if another is left."""
         mask = super().action_mask()
         if not self.rules.revisit:
-            moves = mask[self.tree.moves]  # a view of the mask
-            new = moves & ~np.isin(self.graph.moves[self._view], list(self._shown))
-            if new.any():
-                moves[:] = new
+            legal, to = mask[self.tree.moves], self.graph.moves[self._view]
+            known = np.isin(to, list(self._shown))
+            if (legal & ~known & (to >= 0)).any():
+                legal &= ~known  # which is a part of the mask
         return mask

@@ -170,7 +170,8 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
     def load_state(self, tensors: dict[str, Tensor]) -> None:
         """Restores what `state` returned."""
         for name in STATE:
-            if name in tensors or name != "shown":  # which checkpoints of older versions do not hold
+            # Checkpoints of older versions do not hold the views shown, which nobody asked for then.
+            if name in tensors or name != "shown" or not self.rules.revisit:
                 setattr(self, f"_{name}", tensors[name].to(self.device))
         self._target = self._start_target[self._row]
 
@@ -231,7 +232,7 @@ class ViewGraphVectorEnv(VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
         """(B, n) bool: moves to views shown before, where one of those that `may` be made leads elsewhere."""
         to = self._moves[self._seen[:, -1]]
         known = ((to[:, :, None] == self._shown[:, None]) & (to >= 0)[:, :, None]).any(-1)
-        known = known & (may[:, self.tree.moves] & ~known).any(-1, keepdim=True)
+        known = known & (may[:, self.tree.moves] & (to >= 0) & ~known).any(-1, keepdim=True)
         return torch.cat([torch.zeros_like(may[:, : self._answers.stop]), known], 1)
 
     def nearer(self) -> Tensor:

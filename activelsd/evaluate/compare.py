@@ -171,7 +171,7 @@ def compare(
     Args:
         entrants: at least one; the first is the reference, and the baselines share its network, moves and
             rules.
-        baselines: names in `registry.players`.
+        baselines: names in `registry.players`, or MOVES+STOP, see `make_player`.
         split: `train`, `val` or `test`.
         per_object: random starts per object; None for every start.
         seed: of random starts, of players that draw at random, and of resampling.
@@ -188,7 +188,7 @@ def compare(
     """
     first = entrants[0]
     for entrant in entrants:
-        _check_fits(entrant)
+        check_fits(entrant)
         entrant.network.to(device)
     turns: list[tuple[Player, Entrant]] = [(Trained(one.network, name=one.name), one) for one in entrants]
     turns += [(make_player(name, first.network, first.graph, seed), first) for name in baselines]
@@ -212,7 +212,8 @@ def compare(
 
     total, rows = len(turns) * len(episodes[0]), dict[str, list[EpisodeRow]]()
     for player, entrant in turns:
-        with registry.players.blaming(player.name, "fails") if player.name in baselines else nullcontext():
+        moves = registry.moves_and_stop(player.name)[0] if player.name in baselines else registry.LEARNED
+        with nullcontext() if moves == registry.LEARNED else registry.players.blaming(moves, "fails"):
             rows[player.name] = play(
                 player,
                 entrant.graph,
@@ -359,7 +360,7 @@ def _difference(name: str, scores: Scores, reference: str, to: Scores, seed: int
     )
 
 
-def _check_fits(entrant: Entrant) -> None:
+def check_fits(entrant: Entrant) -> None:
     """Checks that the world has the actions and the picture size that the network was trained with."""
     network, graph = entrant.network, entrant.graph
     if network.tree != tree_of(graph):

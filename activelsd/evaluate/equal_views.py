@@ -10,23 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activelsd import registry
-from activelsd.evaluate.compare import Entrant, shifted
-from activelsd.evaluate.frontier import Frontier, frontier, nearest
-from activelsd.evaluate.players import Trained, make_player
+from activelsd.envs.viewgraph import SPLITS
+from activelsd.errors import ConfigError, DataError
+from activelsd.evaluate.compare import Entrant, check_fits, shifted
+from activelsd.evaluate.frontier import CHOOSING, Frontier, frontier, nearest
+from activelsd.evaluate.players import Trained, make_player, takes_stops
 from activelsd.evaluate.protocol import Progress, episodes_of
 from activelsd.evaluate.traces import Trace, trace
 from activelsd.registry import LEARNED, moves_and_stop
 
-CHOOSING = "val"
-"""The split on which thresholds are chosen."""
 
-
-class _Game(NamedTuple):
-    """One player's moves, and the stops that are tried on them."""
+class _Part(NamedTuple):
+    """A player: whose network it has, and the names of its moves and of its stop, "" for its own."""
 
     entrant: Entrant
     moves: str
-    stops: list[str]
+    stop: str
 
 
 def thresholds_at(
@@ -43,11 +42,13 @@ def thresholds_at(
 
     See `measure_frontier` for the other arguments, for who is left out, and for errors.
     """
-    wanted = _wanted(entrants, baselines, seed)
+    most = entrants[0].rules.max_views
+    if mean > most:
+        raise ConfigError(f"--views {mean:g} is more than the {most} views that an episode may have.")
+    wanted = _wanted(entrants, baselines, device)
     traces = _traces(wanted, (CHOOSING,), per_object=per_object, seed=seed, device=device, progress=progress)
     return {
-        name: nearest(traces[entrant.name, moves][0], stop, mean)
-        for name, (entrant, moves, stop) in wanted.items()
+        name: nearest(traces[one.entrant.name, one.moves][0], one.stop, mean) for name, one in wanted.items()
     }
 
 
@@ -73,34 +74,42 @@ def measure_frontier(
         progress: called with the finished and all episodes.
 
     Raises:
+        ConfigError: some player sees too few views.
         DataError: there are no validation objects.
+        RunError: a run does not fit its world.
     """
-    wanted = _wanted(entrants, baselines, seed)
+    wanted = _wanted(entrants, baselines, device)
     traces = _traces(
         wanted, (CHOOSING, split), per_object=per_object, seed=seed, device=device, progress=progress
     )
     curves = {}
-    for name, (entrant, moves, stop) in wanted.items():
-        chosen_on, measured = traces[entrant.name, moves]
-        curves[name] = (stop, chosen_on, measured)
+    for name, one in wanted.items():
+        chosen_on, measured = traces[one.entrant.name, one.moves]
+        curves[name] = (one.stop, chosen_on, measured)
     return frontier(curves, seed=seed)
 
 
-def _wanted(
-    entrants: Sequence[Entrant], baselines: Sequence[str], seed: int
-) -> dict[str, tuple[Entrant, str, str]]:
-    """By player: whose network it has, and the names of its moves and of its stop."""
-    wanted = {one.name: (one, LEARNED, LEARNED) for one in entrants}
+def _wanted(entrants: Sequence[Entrant], baselines: Sequence[str], device: str) -> dict[str, _Part]:
+    """The players that take stops, by name."""
+    wanted = {}
+    for one in entrants:
+        check_fits(one)
+        if not (one.graph.start_split == SPLITS.index(CHOOSING)).any():
+            raise DataError(
+                f"Thresholds are chosen on {CHOOSING} objects, and {one.world} has none; leave out --frontier"
+                " and --views, or give the data set some."
+            )
+        one.network.to(device)
+        wanted[one.name] = _Part(one, LEARNED, LEARNED)
     for name in baselines:
         moves, stop = moves_and_stop(name)
-        made = make_player(name, entrants[0].network, entrants[0].graph, seed)
-        if isinstance(made, Trained) and made.takes_stops:
-            wanted[name] = entrants[0], moves, stop or LEARNED
+        if takes_stops(moves, stop):
+            wanted[name] = _Part(entrants[0], moves, stop)
     return wanted
 
 
 def _traces(
-    wanted: Mapping[str, tuple[Entrant, str, str]],
+    wanted: Mapping[str, _Part],
     splits: Sequence[str],
     *,
     per_object: int | None,
@@ -109,23 +118,31 @@ def _traces(
     progress: Progress | None,
 ) -> dict[tuple[str, str], list[Trace]]:
     """By run and moves, a trace for every split; one game serves all stops."""
-    games: dict[tuple[str, str], _Game] = {}
-    for entrant, moves, stop in wanted.values():
-        games.setdefault((entrant.name, moves), _Game(entrant, moves, [])).stops.append(stop)
+    games: dict[tuple[str, str], list[_Part]] = {}
+    for one in wanted.values():
+        games.setdefault((one.entrant.name, one.moves), []).append(one)
     todo = [
-        (key, game, episodes_of(game.entrant.graph, split, per_object=per_object, seed=seed))
-        for key, game in games.items()
+        (key, parts, episodes_of(parts[0].entrant.graph, split, per_object=per_object, seed=seed))
+        for key, parts in games.items()
         for split in splits
     ]
     done, total = 0, sum(len(rows) for *_, rows in todo)
     traces: dict[tuple[str, str], list[Trace]] = {}
-    for key, (entrant, moves, stops), rows in todo:
-        player = make_player(f"{moves}+{LEARNED}", entrant.network, entrant.graph, seed)
-        assert isinstance(player, Trained)
+    for key, parts, rows in todo:
+        entrant, moves, _ = parts[0]
+        players = {
+            one.stop: make_player(
+                f"{moves}+{one.stop}" if one.stop else moves, entrant.network, entrant.graph, seed
+            )
+            for one in parts
+        }
+        stops = {name: player.stop for name, player in players.items() if isinstance(player, Trained)}
+        mover = players[parts[0].stop]
+        assert isinstance(mover, Trained)
         with nullcontext() if moves == LEARNED else registry.players.blaming(moves, "fails"):
             played = trace(
-                player,
-                {name: registry.stops.get(name)(entrant.network) for name in stops},
+                mover,
+                stops,
                 entrant.graph,
                 entrant.rules,
                 rows,

@@ -15,9 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from activelsd import registry
+from activelsd.errors import ConfigError
 from activelsd.evaluate.metrics import Interval, intervals
 from activelsd.evaluate.traces import Trace
+
+CHOOSING = "val"
+"""The split on which thresholds are chosen."""
 
 MEANS = (1.5, 2.0, 2.5, 3.0, 4.0, 6.0)
 """Mean views at which players are compared, as far as all of them reach."""
@@ -50,10 +53,19 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True)
 class Frontier:
-    """Every player's curve over the same means; the first is the reference."""
+    """Every player's curve over the same means; the first is the reference.
+
+    Attributes:
+        means: mean views at which all were measured.
+        curves: the players'.
+        shortest: the player that sees the fewest views if it never answers, which ends the means.
+        reached: its mean views then.
+    """
 
     means: tuple[float, ...]
     curves: list[Curve]
+    shortest: str
+    reached: float
 
 
 def frontier(
@@ -66,9 +78,18 @@ def frontier(
             and those that it is measured on, which are the same for all.
         seed: of resampling.
         means: wanted mean views; those that some player cannot reach are left out.
+
+    Raises:
+        ConfigError: a player reaches none of the means.
     """
-    longest = min(float(test.length.mean()) for _, _, test in traces.values())
-    means = tuple(mean for mean in means if 1.0 <= mean <= longest)
+    reached = {name: float(test.length.mean()) for name, (_, _, test) in traces.items()}
+    shortest = min(reached, key=lambda name: reached[name])
+    means = tuple(mean for mean in means if mean <= reached[shortest])
+    if not means:
+        raise ConfigError(
+            f"{shortest} sees {reached[shortest]:.2f} views at most on average, too few for --frontier; leave"
+            " it out here."
+        )
     right = {name: at_means(*one, means) for name, one in traces.items()}
     objects = next(iter(traces.values()))[2].objects
     widths = np.diff(means) / (means[-1] - means[0]) if len(means) > 1 else np.zeros(0)
@@ -91,7 +112,7 @@ def frontier(
                 area_difference=None if own else apart,
             )
         )
-    return Frontier(means=means, curves=curves)
+    return Frontier(means=means, curves=curves, shortest=shortest, reached=reached[shortest])
 
 
 def at_means(stop: str, val: Trace, test: Trace, means: Sequence[float]) -> NDArray[np.float64]:
@@ -116,7 +137,7 @@ def nearest(val: Trace, stop: str, mean: float) -> NDArray[np.float64]:
 def _choices(val: Trace, stop: str) -> list[NDArray[np.float64]]:
     """Thresholds (T,) from those that stop at the first view to those that stop at the last."""
     views = val.right.shape[1]
-    if registry.stops.get(stop).by_view:
+    if stop in val.by_view:
         between = [thresholds(val, stop, price) for price in PRICES]
     else:
         levels = np.unique(np.quantile(val.scores[stop], np.linspace(0, 1, LEVELS)))

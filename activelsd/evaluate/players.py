@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -30,16 +30,32 @@ def make_player(name: str, network: LSDNet, graph: ViewGraph, seed: int) -> Play
         ConfigError: the player needs moves or boxes that this world does not have, or takes no other stop.
     """
     moves, stop = registry.moves_and_stop(name)
-    make = Trained if moves == registry.LEARNED else registry.players.get(moves)
+    check_stop(moves, stop)
+    make = _class_of(moves, stop)
     with registry.players.blaming(moves, "cannot be made"):
         player: Player = make(network, graph, seed)
         player.name, _ = name, player.frames
     if stop:
-        if not (isinstance(player, Trained) and player.takes_stops):
-            raise ConfigError(f"{moves} decides by itself when to answer; write {moves} in place of {name}.")
         with registry.stops.blaming(stop, "cannot be made"):
-            player.stop = registry.stops.get(stop)(network)
+            player.stop = registry.stops.get(stop)(network)  # type: ignore[attr-defined]
     return player
+
+
+def check_stop(moves: str, stop: str) -> None:
+    """Raises ConfigError if a stop is given to a player that decides by itself when to answer."""
+    if stop and not takes_stops(moves, stop):
+        raise ConfigError(
+            f"{moves} decides by itself when to answer; write {moves} in place of {moves}+{stop}."
+        )
+
+
+def takes_stops(moves: str, stop: str = "") -> bool:
+    """Returns whether the player of a name asks a stop."""
+    return bool(getattr(_class_of(moves, stop), "takes_stops", False))
+
+
+def _class_of(moves: str, stop: str) -> Any:
+    return Trained if stop and moves == registry.LEARNED else registry.players.get(moves)
 
 
 class Trained:
@@ -57,11 +73,18 @@ class Trained:
         moves: the actions that move, of all branches.
         draws: random draws that the seed fixes, for players that need them.
         stop: decides when to answer; `stops.Learned`, as the run was trained, unless replaced.
-        takes_stops: whether another stop may replace it; of the class.
+        takes_stops: whether it asks its stop, so that another may replace it; of the class. Unless a class
+            says otherwise, not if it has an `act` of its own.
     """
 
     name = "trained"
     takes_stops: ClassVar[bool] = True
+
+    def __init_subclass__(cls) -> None:
+        """Sets `takes_stops` of a class that does not."""
+        super().__init_subclass__()
+        if "act" in vars(cls) and "takes_stops" not in vars(cls):
+            cls.takes_stops = False
 
     def __init__(
         self, network: LSDNet, graph: ViewGraph | None = None, seed: int = 0, *, name: str | None = None
@@ -123,7 +146,6 @@ class NoMove(Trained):
     """The network answers at the first view."""
 
     name = "no_move"
-    takes_stops = False
 
     def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
         """Returns the likeliest class."""
@@ -135,6 +157,7 @@ class Sweep(Trained):
     """Repeats the move that sees the most views from the episode's start, until its stop or all are seen."""
 
     name = "sweep"
+    takes_stops = True
 
     def __init__(self, network: LSDNet, graph: ViewGraph, seed: int = 0) -> None:
         super().__init__(network, graph, seed)
@@ -159,10 +182,10 @@ class Sweep(Trained):
             self._move[i], self._length[i], self._seen[i] = self.moves.start + column, length, 0
         self._seen += 1
         legal = mask.gather(1, self._move[:, None]).squeeze(1)
-        goes = (self._seen < self._length) & legal & ~self.hurries()
+        goes = (self._seen < self._length) & legal & ~self.stops_early()
         return torch.where(goes, self._move, self.name_class())
 
-    def hurries(self) -> Tensor:
+    def stops_early(self) -> Tensor:
         """Returns whether it answers before all is seen, bool (B,)."""
         return self.stop.stops()
 
@@ -173,7 +196,7 @@ class AllViews(Sweep):
     name = "all_views"
     takes_stops = False
 
-    def hurries(self) -> Tensor:
+    def stops_early(self) -> Tensor:
         """Never."""
         return torch.zeros_like(self._seen, dtype=torch.bool)
 

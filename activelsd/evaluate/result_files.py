@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from activelsd.evaluate.compare import Comparison, Difference, Standing
-from activelsd.evaluate.frontier import Frontier
+from activelsd.evaluate.frontier import CHOOSING, Frontier
 from activelsd.evaluate.metrics import CONFIDENCE, EpisodeGroup, Interval
 from activelsd.evaluate.recognisers.rows import PUBLISHED, Recognition
 
@@ -134,7 +134,7 @@ def _frontier(of: Frontier) -> dict[str, Any]:
             plain[name] = column and [each.mean for each in column]
             plain[f"{name}_ci"] = column and [[each.low, each.high] for each in column]
         curves.append(plain | _intervals({"area": one.area, "area_difference": one.area_difference}))
-    return {"mean_views": list(of.means), "thresholds_from": "val", "curves": curves}
+    return {"mean_views": list(of.means), "thresholds_from": CHOOSING, "curves": curves}
 
 
 def _measures(one: Standing | Difference) -> dict[str, Any]:

@@ -28,7 +28,7 @@ class Places:
     """How far apart the views of a graph are."""
 
     def __init__(self, graph: ViewGraph, device: torch.device) -> None:
-        """Reads the cameras' directions or poses. Raises ConfigError if the graph has neither."""
+        """Reads the cameras' directions or poses. Raises ConfigError if they are not known of every view."""
         if graph.directions is not None:
             azimuth, elevation = np.radians(graph.directions.astype(np.float64)).T
             flat = np.cos(elevation)
@@ -38,10 +38,17 @@ class Places:
             places = graph.poses[:, :2].astype(np.float64)
             turns = graph.poses[:, 2::2].astype(np.float64)  # the heading, and in simulated rooms the tilt
         else:
-            raise ConfigError("It is not known where this world's cameras stand.")
+            raise ConfigError(
+                "This world does not say where its cameras stand; leave out spread and quarter."
+            )
+        unknown = int((~np.isfinite(places).all(1)).sum())
+        if unknown:
+            raise ConfigError(
+                f"It is not known where {unknown} of {len(places)} views were taken; leave out spread and"
+                " quarter."
+            )
         self._around = graph.directions is not None
-        self._places = torch.from_numpy(np.nan_to_num(places)).to(device)
-        self._turns = torch.from_numpy(np.nan_to_num(turns)).to(device)
+        self._places, self._turns = (torch.from_numpy(x).to(device) for x in (places, np.nan_to_num(turns)))
 
     def apart(self, one: Tensor, other: Tensor) -> Tensor:
         """Between views, int64 (...), of the same scene: degrees around the object, or metres in a room.
@@ -118,5 +125,6 @@ class Quarter(Spread):
     def move(self, mask: Tensor) -> Tensor:
         """See `Trained`."""
         action = int(self.moves.start) + self._quarter
-        new = ~(self._leads_to[self._views, self._quarter][:, None] == self._shown).any(1)
+        to = self._leads_to[self._views, self._quarter]
+        new = (to >= 0) & ~(to[:, None] == self._shown).any(1)
         return torch.where(new & mask[:, action], action, super().move(mask))

@@ -49,7 +49,7 @@ class Stop:
 
     @abstractmethod
     def rate(self, policy: ActionDistribution, first: Tensor) -> Tensor:
-        """Returns the score, (B,)."""
+        """Returns the score, float (B,) in [0, 1]; `self.score` is still that of the view before."""
 
 
 class Learned(Stop):

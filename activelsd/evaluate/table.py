@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from activelsd import registry
 from activelsd.evaluate.compare import Comparison, Difference, Standing
+from activelsd.evaluate.frontier import CHOOSING, MEANS, Frontier
 from activelsd.evaluate.metrics import Interval
 from activelsd.evaluate.recognisers.rows import NO_MOVEMENT, PUBLISHED
 
@@ -78,7 +79,8 @@ def _frontier(comparison: Comparison, name_width: int) -> Iterator[RenderableTyp
 
 def _marked(apart: Interval) -> str:
     """A difference in points, with a star if its interval leaves out 0."""
-    return f"{100 * apart.mean:+.1f}" + ("*" if apart.low > 0 or apart.high < 0 else "")
+    star = "*" if apart.low > 0 or apart.high < 0 else ""
+    return _rounded(100 * apart.mean, 1, "+") + star
 
 
 def _more(comparison: Comparison, width: int, name_width: int) -> Iterator[RenderableType]:
@@ -167,12 +169,10 @@ def notes(comparison: Comparison) -> Iterator[str]:
         f"a wrong answer counts {reference.max_views}."
     )
     if comparison.wanted_views is not None:
-        yield f"Thresholds of all stops were chosen on val objects for {comparison.wanted_views:g} views."
+        views = f"{comparison.wanted_views:g} views"
+        yield f"Thresholds of all stops were chosen on {CHOOSING} objects for {views}."
     if comparison.frontier is not None:
-        yield (
-            "At equal views: accuracy, % at these mean views, thresholds of the stops from val objects;"
-            " area: its mean over them; *: the interval of the difference leaves out 0."
-        )
+        yield from _about_frontier(comparison, comparison.frontier)
     if comparison.recognised:
         yield from _about_recognisers(comparison)
     if reference.difficulties:
@@ -186,6 +186,20 @@ def notes(comparison: Comparison) -> Iterator[str]:
             f"{reference.name} goes {mean:.0f} % of the way from no_move's accuracy to all_views' "
             f"[{low:.0f}, {high:.0f}]."
         )
+
+
+def _about_frontier(comparison: Comparison, of: Frontier) -> Iterator[str]:
+    yield (
+        f"At equal views: accuracy, % at these mean views, thresholds of the stops from {CHOOSING} objects;"
+        " area: its mean over them; *: the interval of the difference leaves out 0."
+    )
+    if comparison.split == CHOOSING:
+        yield "These are the objects that thresholds were chosen on, so all figures are too good."
+    if of.means != MEANS:
+        yield f"Means above {of.reached:.1f} are left out, which is all that {of.shortest} sees."
+    left_out = {one.name for one in comparison.players} - {one.name for one in of.curves}
+    if left_out:
+        yield f"Without a stop to set: {', '.join(sorted(left_out))}."
 
 
 def _about_recognisers(comparison: Comparison) -> Iterator[str]:
@@ -214,10 +228,13 @@ def _cells(one: Standing | Difference) -> tuple[str, str, str]:
 
 def _cell(interval: Interval, digits: int, sign: str) -> str:
     """Returns for example `95.2 [93.1, 97.0]`; a value that rounds to 0 has no sign."""
-    parts = [f"{x:{sign}.{digits}f}" for x in interval]
-    zero = f"{0:.{digits}f}"
-    mean, low, high = (zero if part.lstrip("+-") == zero else part for part in parts)
+    mean, low, high = (_rounded(x, digits, sign) for x in interval)
     return f"{mean} [{low}, {high}]"
+
+
+def _rounded(x: float, digits: int, sign: str) -> str:
+    part, zero = f"{x:{sign}.{digits}f}", f"{0:.{digits}f}"
+    return zero if part.lstrip("+-") == zero else part
 
 
 def _short(name: str, room: int) -> str:

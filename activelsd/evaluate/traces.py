@@ -21,22 +21,24 @@ from activelsd.policy.lsdnet import LSDNet
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """N episodes of one player that went on as long as a move was legal, T views at most.
+    """N episodes of one player that went on as long as it could, T views at most.
 
     Attributes:
         right: bool (N, T), whether the class named after 1 … T views is the target's.
         length: int64 (N,), views seen; what follows them repeats the last.
         objects: int64 (N,), index of each episode's target, 0 … O-1.
         scores: for every stop, by name, float32 (N, T).
+        by_view: the stops whose thresholds differ by number of views.
     """
 
     right: NDArray[np.bool_]
     length: NDArray[np.int64]
     objects: NDArray[np.int64]
     scores: Mapping[str, NDArray[np.float32]]
+    by_view: frozenset[str]
 
 
-class _Never(Stop):
+class _Recording(Stop):
     """Never answers, and keeps what other stops say."""
 
     usual = float("inf")
@@ -83,7 +85,7 @@ def trace(
         batch: episodes in parallel; it changes only the time taken.
         progress: called as episodes end.
     """
-    player.stop = watch = _Never(player.network, stops)
+    player.stop = watch = _Recording(player.network, stops)
     rows = play(
         player, graph, rules, episodes, world="", backend="", device=device, batch=batch, progress=progress
     )
@@ -101,6 +103,7 @@ def trace(
         length=length,
         objects=objects,
         scores=scores,
+        by_view=frozenset(name for name, stop in stops.items() if stop.by_view),
     )
 
 

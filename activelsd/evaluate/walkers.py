@@ -49,7 +49,6 @@ class Forward(Trained):
     """Walks forward to the last view allowed and turns where that is blocked; then the network answers."""
 
     name = "forward"
-    takes_stops = False
 
     def __init__(self, network: LSDNet, graph: ViewGraph | None = None, seed: int = 0) -> None:
         super().__init__(network, graph, seed)
@@ -70,7 +69,6 @@ class Oracle(Trained):
     """
 
     name = "oracle"
-    takes_stops = False
 
     def __init__(self, network: LSDNet, graph: ViewGraph, seed: int = 0) -> None:
         super().__init__(network, graph, seed)
@@ -203,7 +201,6 @@ class ObjectSearch(Trained):
     """Searches by rule (see `object_search`); the network answers at the end of the search."""
 
     name = "object_search"
-    takes_stops = False
     MOVES = ("forward", "backward", "left", "right", "rotate_cw", "rotate_ccw")
     TILTS = ("look_up", "look_down")
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from activelsd.errors import ConfigError
+
 if TYPE_CHECKING:  # settings are read and checked before PyTorch is imported
     from torch import Tensor
 
@@ -188,10 +190,11 @@ class TrainSettings(BaseModel):
 
     @model_validator(mode="after")
     def _classes_are_taught(self) -> TrainSettings:
-        if not self.rewarded_classes and not any(self.terms.values()):
-            raise ValueError(
+        teachers = {name for name, weight in self.terms.items() if weight} - {"guided", "smoothing"}
+        if not self.rewarded_classes and not teachers:
+            raise ConfigError(
                 "train.rewarded_classes=false leaves nobody to teach the classes; leave it true, or set"
-                " train.terms.supervised=1"
+                " train.terms.supervised=1."
             )
         return self
 

@@ -55,7 +55,9 @@ class Smoothing(Term):
     def forward(self, rollout: Rollout, output: Output) -> Tensor:
         """The mean over all steps."""
         assert output.policy is not None
-        return -output.policy.class_log_probs().mean()
+        log_p = output.policy.class_log_probs()
+        legal = ~log_p.isneginf()  # in a joint run a world has some of the classes
+        return -(log_p.masked_fill(~legal, 0.0).sum(-1) / legal.sum(-1)).mean()
 
 
 class Guided(Term):

@@ -89,8 +89,10 @@ def test_episodes_are_played_by_the_table(
     walls: set[int] = set()  # moves that were blocked where it stands
     for t in range(1, limit + 1):
         open_moves = [a for a in range(classes, env.tree.n) if can_move and t < limit and a not in walls]
-        new = [a for a in open_moves if graph.moves[place, a - classes] not in path]
-        legal = [a < classes or a in (open_moves if revisit or not new else new) for a in range(env.tree.n)]
+        known = [a for a in open_moves if graph.moves[place, a - classes] in path]
+        if not revisit and any(graph.moves[place, a - classes] >= 0 for a in set(open_moves) - set(known)):
+            open_moves = [a for a in open_moves if a not in known]
+        legal = [a < classes or a in open_moves for a in range(env.tree.n)]
         assert info["action_mask"].tolist() == legal
         action = data.draw(st.integers(0, env.tree.n - 1), label="action")
         observation, reward, terminated, truncated, info = env.step(action)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -9,8 +10,10 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from activelsd import registry
+from activelsd.errors import ConfigError, DataError
 from activelsd.evaluate.compare import Entrant, compare
 from activelsd.evaluate.equal_views import measure_frontier, thresholds_at
 from activelsd.evaluate.frontier import at_means, frontier, stop_at, thresholds
@@ -59,6 +62,7 @@ def made_up(right: list[list[int]], scores: list[list[float]], length: list[int]
         length=np.array(length or [most] * n),
         objects=np.arange(n),
         scores={"confidence": np.array(scores, np.float32)},
+        by_view=frozenset({"confidence"}),
     )
 
 
@@ -122,3 +126,47 @@ def test_stops_are_set_for_a_mean_on_validation_objects() -> None:
         views = {one.name: one.views.mean for one in found.players}
         assert views.pop("no_move") == 1.0
         assert all(abs(mean - 3.0) < apart for mean in views.values())
+
+
+class TwoViews(Trained):
+    """Decides by itself when to answer, without a stop."""
+
+    def act(self, observation: Mapping[str, Tensor], mask: Tensor, first: Tensor) -> Tensor:
+        self.look(observation, mask, first)
+        self.count = torch.where(first, 1, getattr(self, "count", 0) + 1)
+        return torch.where(self.count >= 2, self.name_class(), self.random_move(mask))
+
+
+class Surely(Trained):
+    """Has a stop of its own."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.stop = registry.stops.get("confidence")(self.network)
+
+
+def test_players_of_others_keep_their_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry.players, "_added", {"two": TwoViews, "surely": Surely})
+    found = measure_frontier([ENTRANT], ["two", "surely", "confidence"], split="test", **HOW)
+    curves = {one.name: one.accuracy for one in found.curves}
+    assert curves["surely"] == curves["confidence"]
+    assert "two" not in curves, "it asks no stop"
+    with pytest.raises(
+        ConfigError, match=r"^two decides by itself when to answer; write two in place of two\+"
+    ):
+        make_player("two+confidence", NET, GRAPH, 0)
+
+
+def test_what_cannot_be_compared_is_one_sentence() -> None:
+    still = replace(ENTRANT, rules=replace(RULES, can_move=False))
+    with pytest.raises(
+        ConfigError, match=r"^trained sees 1\.00 views at most on average, too few for --front"
+    ):
+        measure_frontier([still], [], split="test", **HOW)
+    with pytest.raises(ConfigError, match=r"^--views 9 is more than the 8 views that an episode may have"):
+        thresholds_at(9.0, [ENTRANT], [], **HOW)
+    no_val = replace(GRAPH, start_split=np.where(GRAPH.start_split == 1, 0, GRAPH.start_split))
+    with pytest.raises(
+        DataError, match=r"chosen on val objects, and rings has none; leave out --frontier and"
+    ):
+        measure_frontier([replace(ENTRANT, graph=no_val)], [], split="test", **HOW)

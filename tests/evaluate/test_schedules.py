@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -66,12 +67,15 @@ def test_distances_are_along_the_circle_at_its_elevation_and_metres_in_rooms() -
     zero, views = torch.zeros(7, dtype=torch.int64), torch.arange(7)
     torch.testing.assert_close(level.apart(zero, views), 30.0 * views.double())
     assert float(high.apart(zero[:1], views[6:])) == pytest.approx(60.0), "over the pole"
-    poses = np.array([[0, 0, 10], [3, 4, 350], [0, 0, 350], [np.nan, 0, 0]], np.float32)
+    poses = np.array([[0, 0, 10], [3, 4, 350], [0, 0, 350]], np.float32)
     room = Places(replace(circle(), directions=None, poses=poses), torch.device("cpu"))
     apart = room.apart(torch.zeros(3, dtype=torch.int64), torch.arange(3)).tolist()
     assert apart == pytest.approx([0.0, 5.02, 0.02])
-    with pytest.raises(ConfigError, match="not known where this world's cameras stand"):
+    with pytest.raises(ConfigError, match="does not say where its cameras stand; leave out spread"):
         Places(ring(), torch.device("cpu"))
+    poses[1] = np.nan
+    with pytest.raises(ConfigError, match="not known where 1 of 3 views were taken; leave out spread"):
+        Places(replace(circle(), directions=None, poses=poses), torch.device("cpu"))
 
 
 def test_views_seen_before_are_left_out_where_the_rules_say_so() -> None:
@@ -115,3 +119,19 @@ def test_moves_and_stops_combine_by_name_and_others_are_refused() -> None:
         make_player("sprad+confidence", net, graph, 0)
     with pytest.raises(ConfigError, match=r"^all_views decides by itself when to answer; write all_views in"):
         make_player("all_views+confidence", net, graph, 0)
+
+
+def test_where_a_quarter_turn_is_blocked_it_spreads_in_any_batch() -> None:
+    graph = circle()
+    moves = graph.moves.copy()
+    moves[::2, AROUND.index("orbit_ccw_90")] = -1
+    walled = replace(graph, moves=moves)
+    games = []
+    for batch in (1, 7, 36):
+        player = make_player("quarter", network(graph), walled, 0)
+        assert isinstance(player, Trained)
+        player.stop.thresholds = torch.tensor([2.0])
+        rows = play(player, walled, RULES, episodes_of(graph, "test"), world="", backend="", batch=batch)
+        games.append([row.path for row in rows])
+    assert games[0] == games[1] == games[2]
+    assert all(a != b for path in games[0] for a, b in pairwise(path))

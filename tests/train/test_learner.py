@@ -13,6 +13,7 @@ from activelsd.envs.episode import PRESETS
 from activelsd.envs.graphenv import tree_of
 from activelsd.envs.oracle import moves_to_go
 from activelsd.envs.vector import ViewGraphVectorEnv
+from activelsd.errors import ConfigError
 from activelsd.policy.heads import Epsilon
 from activelsd.policy.lsdnet import LSDNet, NetworkShape
 from activelsd.train.actors.resident import ResidentActors
@@ -181,5 +182,6 @@ def test_rewards_leave_the_classes_alone_where_they_are_not_to_teach_them(head: 
 
 
 def test_somebody_must_teach_the_classes() -> None:
-    with pytest.raises(ValueError, match="leaves nobody to teach the classes"):
-        TrainSettings(rewarded_classes=False, terms={"supervised": 0.0})
+    for terms in ({"supervised": 0.0}, {"smoothing": 0.1, "guided": 1.0}):
+        with pytest.raises(ConfigError, match="leaves nobody to teach the classes; leave it true, or set"):
+            TrainSettings(rewarded_classes=False, terms=terms)

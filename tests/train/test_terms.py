@@ -86,6 +86,14 @@ def test_smoothing_beside_supervised_is_pytorchs_label_smoothing() -> None:
     torch.testing.assert_close(plain + 0.1 * smooth, 1.1 * expected)
 
 
+def test_smoothing_is_among_the_classes_that_a_world_has() -> None:
+    """In a joint run the classes of other worlds are illegal."""
+    tree = ActionTree.answer_or_move(["a", "b", "c"], ["left"])
+    legal = torch.tensor([True, False, True, True]).expand(1, 1, 4)
+    distribution = TreeCategorical(tree, torch.zeros(1, 1, 2), torch.zeros(1, 1, 4), legal)
+    assert float(evaluated(Smoothing, distribution, tree)) == pytest.approx(math.log(2.0))
+
+
 def test_supervised_is_the_cross_entropy_of_the_class_branch() -> None:
     """Class odds 4:1; the label is the first class, then the second."""
     tree = ActionTree.answer_or_move(["a", "b"], ["left", "right"])

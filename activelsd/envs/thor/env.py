@@ -94,6 +94,7 @@ class LiveTHOREnv(ViewGraphEnv):
         if self._stand(self._view):
             return True
         self._refused.add(self._view)
+        self._shown.discard(self._view)
         self._view = before
         if not self._stand(before):
             raise SimulatorLost("the agent cannot go back to where it was")
