@@ -104,8 +104,9 @@ def load(file: Path) -> RunConfig:
     if trunk != "compact" and "policy.trunk.kind" not in layers:  # AlexNet's width was never a setting
         layers.pop("policy.trunk.features", None)
     try:
-        if ENV_NAME in layers:  # a run that says nothing of colour is older than it
-            layers = _spread({f"{ENV}.colour": Setting("gray")}, _members(layers), layers) | layers
+        if ENV_NAME in layers:  # a run that says nothing of these is older than they are
+            older = {f"{ENV}.colour": Setting("gray"), f"{ENV}.rules.revisit": Setting(True)}
+            layers = _spread(older, _members(layers), layers) | layers
         return _build(_whole(layers))
     except ConfigError:
         check_parts(file.parent)

@@ -58,6 +58,7 @@ VARIANTS = {
     "dropout-0.5": "train.dropout=0.5",
     "mirror": "train.mirror=true",
     "mirror-0": "train.mirror=false",
+    "revisit": "env.rules.revisit=true",
     "no-revisit": "env.rules.revisit=false",
     "smooth": "train.terms.smoothing=0.1 train.rewarded_classes=false",
     "unguided": "train.terms.guided=0",

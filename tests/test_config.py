@@ -405,6 +405,15 @@ def test_any_config_survives_its_file(
     assert load(file) == config
 
 
+@pytest.mark.parametrize("worlds", ["modelnet", "modelnet,avd"])
+def test_a_run_older_than_revisit_is_played_by_the_rules_it_learned(worlds: str, tmp_path: Path) -> None:
+    config = resolve([f"env={worlds}"])
+    assert not config.worlds["modelnet"].rules.revisit
+    file = tmp_path / "config.yaml"
+    file.write_text("".join(line for line in dump(config).splitlines(True) if "revisit:" not in line))
+    assert {world.rules.revisit for world in load(file).worlds.values()} == {True}
+
+
 def test_a_dict_is_read_back_with_no_more_than_it_had(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("env: modelnet\ntrain.terms: {}\n")

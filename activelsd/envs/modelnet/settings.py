@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from activelsd import registry
-from activelsd.envs.settings import Progress, WorldSettings
+from activelsd.envs.settings import Progress, Rules, RulesSettings, WorldSettings
 from activelsd.errors import ConfigError
 from activelsd.sections import AbsolutePath, Section
 
@@ -63,12 +63,13 @@ class ModelNetSettings(WorldSettings):
         "timm:NAME": {
             "env.rules.preset": "V5",
             "env.rules.move": -0.03,
-            "env.rules.revisit": False,
             "env.navigate": ["orbit_cw", "orbit_ccw", "orbit_cw_90", "orbit_ccw_90", "orbit_opposite"],
         }
     }
 
     dataset: DatasetSettings = Field(DatasetSettings(), description="the objects")
+    # Going to and fro between two views shows nothing new.
+    rules: Rules = Field(RulesSettings(revisit=False), description="rewards and ends")
     azimuths: int = Field(AZIMUTHS, ge=2, le=360, description="cameras of a ring, evenly spaced")
     elevations: tuple[Annotated[float, Field(ge=-89, le=89)], ...] = Field(
         (ELEVATION,), min_length=1, description="elevations of the cameras in degrees, lowest first"
