@@ -149,6 +149,18 @@ def test_channels_that_come_last_are_one_sentence() -> None:
         check_graph(replace(ROOM, crops=room_graph().crops))
 
 
+@pytest.mark.parametrize(("name", "widths"), [("directions", (2,)), ("poses", (3, 5))])
+def test_where_cameras_stand_is_checked_too(name: str, widths: tuple[int, ...]) -> None:
+    room = room_graph()
+    for width in range(1, 7):
+        graph = replace(room, **{name: np.zeros((len(room.frames), width), np.float32)})
+        if width in widths:
+            check_graph(graph)
+        else:
+            with pytest.raises(DataError, match=rf"^`{name}` is float32 \(\d+, {width}\) and must be"):
+                check_graph(graph)
+
+
 def test_gray_and_colour_do_not_play_together() -> None:
     parts = {
         name: ViewGraphVectorEnv(graph, PRESETS["V4"], num_envs=1, frames=1)

@@ -42,6 +42,11 @@ def check_graph(graph: ViewGraph) -> None:
         limits["pair_of"] = (-1, pairs)
         if graph.crops is not None:
             shapes["crops"] = ((pairs, *picture), np.uint8)
+    if graph.directions is not None:
+        shapes["directions"] = ((views, 2), np.float32)
+    if graph.poses is not None:
+        width = 5 if np.shape(graph.poses)[1:] == (5,) else 3
+        shapes["poses"] = ((views, width), np.float32)
     for name, (shape, dtype) in shapes.items():
         array = getattr(graph, name)
         if not isinstance(array, np.ndarray):
