@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +60,8 @@ def test_settings_of_a_group_may_be_nested_or_stand_by_themselves(monkeypatch: p
 @pytest.mark.parametrize(
     ("rules", "meant"),
     [
-        ("V0", PRESETS["V0"]),
-        ({"preset": "V0", "wrong": -1.0}, PRESETS["V3"]),
+        ("V0", replace(PRESETS["V0"], revisit=False)),  # this world's own
+        ({"preset": "V0", "wrong": -1.0, "revisit": True}, PRESETS["V3"]),
         (EpisodeRules(move=-0.1, max_views=3), EpisodeRules(move=-0.1, max_views=3)),
         (PRESETS["V6"], PRESETS["V6"]),
     ],
