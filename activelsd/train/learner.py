@@ -57,8 +57,7 @@ class Learner:
         groups: list[dict[str, Any]] = [{"params": list((trained | own).values()), "share": 1.0}]
         if slow:
             groups.append({"params": list(slow.values()), "share": network.trunk.rate})
-        # A CUDA graph needs steps to be counted on the device.
-        self.optimiser = make_optimiser(groups, settings, capturable=network.device.type == "cuda")
+        self.optimiser = make_optimiser(groups, settings, network.device)
 
     def update(self, rollout: Rollout, now: Annealed) -> dict[str, Tensor]:
         """One optimiser step.

@@ -69,13 +69,14 @@ class TFRMSprop(torch.optim.Optimizer):
         return square
 
 
-def make_optimiser(groups: Groups, settings: TrainSettings, *, capturable: bool) -> torch.optim.Optimizer:
-    """The optimiser that the settings name; a capturable one, for GPUs, counts its steps on the device."""
+def make_optimiser(groups: Groups, settings: TrainSettings, device: torch.device) -> torch.optim.Optimizer:
+    """The optimiser that the settings name, for parameters on a device."""
+    capturable = device.type == "cuda"  # a CUDA graph needs steps to be counted on the device
     rate, eps = settings.learning_rate, settings.optimiser_epsilon
     if settings.optimiser == "tf_rmsprop":
         return TFRMSprop(groups, rate, eps)
     if settings.optimiser == "rmsprop":
         return torch.optim.RMSprop(groups, lr=rate, alpha=DECAY, eps=eps, capturable=capturable)
     # Fused, Adam takes a seventh of the time on a CPU. It takes slots to lie in memory as their weights do.
-    fused = None if capturable else True
+    fused = True if device.type == "cpu" else None
     return torch.optim.Adam(groups, lr=rate, eps=eps, capturable=capturable, fused=fused)
