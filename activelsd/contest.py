@@ -21,7 +21,7 @@ from activelsd.envs.viewgraph import ViewGraph
 from activelsd.errors import RunError
 from activelsd.evaluate import result_files
 from activelsd.evaluate.compare import Comparison, Entrant, compare
-from activelsd.evaluate.equal_views import measure_frontier, thresholds_at
+from activelsd.evaluate.equal_views import EqualViews
 from activelsd.evaluate.players import check_stop
 from activelsd.evaluate.recognisers.objects import Objects
 from activelsd.evaluate.recognisers.rows import recognise
@@ -167,12 +167,12 @@ def play_runs(
             else ([], {})
         )
         per_object, seed = how.evaluate.episodes_per_object, how.evaluate.seed
-        thresholds = None
+        thresholds = curves = None
+        if frontier or views is not None:
+            equal = EqualViews(entrants, baselines, per_object=per_object, seed=seed, device=device)
         if views is not None:
             with progress("Choosing thresholds") as show:
-                thresholds = thresholds_at(
-                    views, entrants, baselines, device=device, progress=show, per_object=per_object, seed=seed
-                )
+                thresholds = equal.thresholds(views, show)
         with progress("Playing episodes") as show:
             comparison = compare(
                 entrants,
@@ -185,18 +185,9 @@ def play_runs(
                 per_object=per_object,
                 seed=seed,
             )
-        curves = None
         if frontier:
             with progress("Playing to the last view") as show:
-                curves = measure_frontier(
-                    entrants,
-                    baselines,
-                    split=how.evaluate.split,
-                    device=device,
-                    progress=show,
-                    per_object=per_object,
-                    seed=seed,
-                )
+                curves = equal.frontier(how.evaluate.split, show)
         comparison = replace(
             comparison,
             changed=_changes(own[0].worlds[world], settings),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import NamedTuple
 
@@ -27,112 +27,112 @@ class _Part(NamedTuple):
     moves: str
     stop: str
 
-
-def thresholds_at(
-    mean: float,
-    entrants: Sequence[Entrant],
-    baselines: Sequence[str],
-    *,
-    per_object: int | None,
-    seed: int,
-    device: str,
-    progress: Progress | None = None,
-) -> dict[str, NDArray[np.float64]]:
-    """Thresholds (T,) by player with which its mean on validation objects is nearest to a wanted one.
-
-    See `measure_frontier` for the other arguments, for who is left out, and for errors.
-    """
-    most = entrants[0].rules.max_views
-    if mean > most:
-        raise ConfigError(f"--views {mean:g} is more than the {most} views that an episode may have.")
-    wanted = _wanted(entrants, baselines, device)
-    traces = _traces(wanted, (CHOOSING,), per_object=per_object, seed=seed, device=device, progress=progress)
-    return {
-        name: nearest(traces[one.entrant.name, one.moves][0], one.stop, mean) for name, one in wanted.items()
-    }
+    @property
+    def game(self) -> tuple[str, str]:
+        """Whose network and whose moves; players that share them differ in their stops alone."""
+        return self.entrant.name, self.moves
 
 
-def measure_frontier(
-    entrants: Sequence[Entrant],
-    baselines: Sequence[str],
-    *,
-    split: str,
-    per_object: int | None,
-    seed: int,
-    device: str,
-    progress: Progress | None = None,
-) -> Frontier:
-    """Compares runs, each with its learned stop, and those of the baselines that take other stops.
-
-    Args:
-        entrants: trained runs; the first is the reference, and the baselines share its network.
-        baselines: names of players; others than MOVES, STOP and MOVES+STOP are left out.
-        split: of the episodes that are measured; thresholds are chosen on validation objects.
-        per_object: random starts per object; None for every start.
-        seed: of random starts, of players that draw at random, and of resampling.
-        device: where the networks are.
-        progress: called with the finished and all episodes.
-
-    Raises:
-        ConfigError: some player sees too few views.
-        DataError: there are no validation objects.
-        RunError: a run does not fit its world.
-    """
-    wanted = _wanted(entrants, baselines, device)
-    traces = _traces(
-        wanted, (CHOOSING, split), per_object=per_object, seed=seed, device=device, progress=progress
-    )
-    curves = {}
-    for name, one in wanted.items():
-        chosen_on, measured = traces[one.entrant.name, one.moves]
-        curves[name] = (one.stop, chosen_on, measured)
-    return frontier(curves, seed=seed)
+_Games = dict[tuple[str, str], Trace]
+"""By run and moves; one game serves all stops."""
 
 
-def _wanted(entrants: Sequence[Entrant], baselines: Sequence[str], device: str) -> dict[str, _Part]:
-    """The players that take stops, by name."""
-    wanted = {}
-    for one in entrants:
-        check_fits(one)
-        if not (one.graph.start_split == SPLITS.index(CHOOSING)).any():
-            raise DataError(
-                f"Thresholds are chosen on {CHOOSING} objects, and {one.world} has none; leave out --frontier"
-                " and --views, or give the data set some."
+class EqualViews:
+    """Runs, each with its learned stop, and the baselines that take stops; each split is played once."""
+
+    def __init__(
+        self,
+        entrants: Sequence[Entrant],
+        baselines: Sequence[str],
+        *,
+        per_object: int | None,
+        seed: int,
+        device: str,
+    ) -> None:
+        """Say who takes part; nothing is played yet.
+
+        Args:
+            entrants: trained runs; the first is the reference, and the baselines share its network.
+            baselines: names of players; others than MOVES, STOP and MOVES+STOP are left out.
+            per_object: random starts per object; None for every start.
+            seed: of random starts, of players that draw at random, and of resampling.
+            device: where the networks are.
+
+        Raises:
+            DataError: there are no validation objects.
+            RunError: a run does not fit its world.
+        """
+        self._per_object, self._seed, self._device = per_object, seed, device
+        self._most = entrants[0].rules.max_views
+        self._parts: dict[str, _Part] = {}
+        self._played: dict[str, _Games] = {}
+        for one in entrants:
+            check_fits(one)
+            if not (one.graph.start_split == SPLITS.index(CHOOSING)).any():
+                raise DataError(
+                    f"Thresholds are chosen on {CHOOSING} objects, and {one.world} has none; leave out"
+                    " --frontier and --views, or give the data set some."
+                )
+            one.network.to(device)
+            self._parts[one.name] = _Part(one, LEARNED, LEARNED)
+        for name in baselines:
+            moves, stop = moves_and_stop(name)
+            if takes_stops(moves, stop):
+                self._parts[name] = _Part(entrants[0], moves, stop)
+
+    def thresholds(self, mean: float, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
+        """Thresholds (T,) by player with which its mean on validation objects is nearest to a wanted one.
+
+        Raises:
+            ConfigError: no episode may have so many views.
+        """
+        if mean > self._most:
+            raise ConfigError(
+                f"--views {mean:g} is more than the {self._most} views that an episode may have."
             )
-        one.network.to(device)
-        wanted[one.name] = _Part(one, LEARNED, LEARNED)
-    for name in baselines:
-        moves, stop = moves_and_stop(name)
-        if takes_stops(moves, stop):
-            wanted[name] = _Part(entrants[0], moves, stop)
-    return wanted
+        (val,) = self._games([CHOOSING], progress)
+        return {name: nearest(val[one.game], one.stop, mean) for name, one in self._parts.items()}
 
+    def frontier(self, split: str, progress: Progress | None = None) -> Frontier:
+        """Compares all at equal mean views on a split; thresholds are chosen on validation objects.
 
-def _traces(
-    wanted: Mapping[str, _Part],
-    splits: Sequence[str],
-    *,
-    per_object: int | None,
-    seed: int,
-    device: str,
-    progress: Progress | None,
-) -> dict[tuple[str, str], list[Trace]]:
-    """By run and moves, a trace for every split; one game serves all stops."""
-    games: dict[tuple[str, str], list[_Part]] = {}
-    for one in wanted.values():
-        games.setdefault((one.entrant.name, one.moves), []).append(one)
-    todo = [
-        (key, parts, episodes_of(parts[0].entrant.graph, split, per_object=per_object, seed=seed))
-        for key, parts in games.items()
-        for split in splits
-    ]
-    done, total = 0, sum(len(rows) for *_, rows in todo)
-    traces: dict[tuple[str, str], list[Trace]] = {}
-    for key, parts, rows in todo:
+        Raises:
+            ConfigError: some player sees too few views.
+        """
+        val, measured = self._games([CHOOSING, split], progress)
+        traces = {name: (one.stop, val[one.game], measured[one.game]) for name, one in self._parts.items()}
+        return frontier(traces, seed=self._seed)
+
+    def _games(self, splits: Sequence[str], progress: Progress | None) -> list[_Games]:
+        """All games of each split; those that were not played yet are played now."""
+        parts: dict[tuple[str, str], list[_Part]] = {}
+        for one in self._parts.values():
+            parts.setdefault(one.game, []).append(one)
+        todo = [
+            (
+                split,
+                some,
+                episodes_of(some[0].entrant.graph, split, per_object=self._per_object, seed=self._seed),
+            )
+            for split in dict.fromkeys(splits)
+            if split not in self._played
+            for some in parts.values()
+        ]
+        done, total = 0, sum(len(rows) for *_, rows in todo)
+        for split, some, rows in todo:
+            games = self._played.setdefault(split, {})
+            games[some[0].game] = self._play(some, rows, shifted(progress, done, total))
+            done += len(rows)
+        return [self._played[split] for split in splits]
+
+    def _episodes(self, entrant: Entrant, split: str) -> NDArray[np.int64]:
+        return episodes_of(entrant.graph, split, per_object=self._per_object, seed=self._seed)
+
+    def _play(self, parts: Sequence[_Part], rows: NDArray[np.int64], progress: Progress | None) -> Trace:
         entrant, moves, _ = parts[0]
         players = {
             one.stop: make_player(
-                f"{moves}+{one.stop}" if one.stop else moves, entrant.network, entrant.graph, seed
+                f"{moves}+{one.stop}" if one.stop else moves, entrant.network, entrant.graph, self._seed
             )
             for one in parts
         }
@@ -140,15 +140,12 @@ def _traces(
         mover = players[parts[0].stop]
         assert isinstance(mover, Trained)
         with nullcontext() if moves == LEARNED else registry.players.blaming(moves, "fails"):
-            played = trace(
+            return trace(
                 mover,
                 stops,
                 entrant.graph,
                 entrant.rules,
                 rows,
-                device=device,
-                progress=shifted(progress, done, total),
+                device=self._device,
+                progress=progress,
             )
-        traces.setdefault(key, []).append(played)
-        done += len(rows)
-    return traces

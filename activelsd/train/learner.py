@@ -125,7 +125,7 @@ class Learner:
         else:
             returns = n_step_returns(rewards, ended, rollout.bootstrap, gamma)
         weights = Weights(settings.value_weight, now.entropy_branch, now.entropy_leaf)
-        steered = policy
+        steered = policy  # the same values; the terms still teach the classes where rewards do not
         if not settings.rewarded_classes:
             logits, classes = output.logits.clone(), self.network.class_logits
             logits[..., classes] = logits[..., classes].detach()

@@ -15,7 +15,7 @@ from torch import Tensor
 from activelsd import registry
 from activelsd.errors import ConfigError, DataError
 from activelsd.evaluate.compare import Entrant, compare
-from activelsd.evaluate.equal_views import measure_frontier, thresholds_at
+from activelsd.evaluate.equal_views import EqualViews
 from activelsd.evaluate.frontier import at_means, frontier, stop_at, thresholds
 from activelsd.evaluate.players import Trained, make_player
 from activelsd.evaluate.protocol import episodes_of, play
@@ -105,7 +105,7 @@ def test_accuracy_at_a_mean_between_two_choices_is_between_theirs() -> None:
 
 def test_all_are_measured_at_the_same_means_against_the_first() -> None:
     names = ["no_move", "random_walk", "spread+confidence", "confidence"]
-    found = measure_frontier([ENTRANT], names, split="test", **HOW)
+    found = EqualViews([ENTRANT], names, **HOW).frontier("test")
     assert [one.name for one in found.curves] == ["trained", *names[1:]], "no_move takes no stop"
     assert found.means == (1.5, 2.0, 2.5, 3.0, 4.0, 6.0)
     first, *others = found.curves
@@ -119,7 +119,7 @@ def test_all_are_measured_at_the_same_means_against_the_first() -> None:
 
 def test_stops_are_set_for_a_mean_on_validation_objects() -> None:
     names = ["no_move", "spread+confidence"]
-    chosen = thresholds_at(3.0, [ENTRANT], names, **HOW)
+    chosen = EqualViews([ENTRANT], names, **HOW).thresholds(3.0)
     assert chosen.keys() == {"trained", "spread+confidence"}
     for split, apart in (("val", 0.5), ("test", 1.5)):
         found = compare([ENTRANT], names, split=split, thresholds=chosen)
@@ -147,7 +147,7 @@ class Surely(Trained):
 
 def test_players_of_others_keep_their_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry.players, "_added", {"two": TwoViews, "surely": Surely})
-    found = measure_frontier([ENTRANT], ["two", "surely", "confidence"], split="test", **HOW)
+    found = EqualViews([ENTRANT], ["two", "surely", "confidence"], **HOW).frontier("test")
     curves = {one.name: one.accuracy for one in found.curves}
     assert curves["surely"] == curves["confidence"]
     assert "two" not in curves, "it asks no stop"
@@ -162,11 +162,11 @@ def test_what_cannot_be_compared_is_one_sentence() -> None:
     with pytest.raises(
         ConfigError, match=r"^trained sees 1\.00 views at most on average, too few for --front"
     ):
-        measure_frontier([still], [], split="test", **HOW)
+        EqualViews([still], [], **HOW).frontier("test")
     with pytest.raises(ConfigError, match=r"^--views 9 is more than the 8 views that an episode may have"):
-        thresholds_at(9.0, [ENTRANT], [], **HOW)
+        EqualViews([ENTRANT], [], **HOW).thresholds(9.0)
     no_val = replace(GRAPH, start_split=np.where(GRAPH.start_split == 1, 0, GRAPH.start_split))
     with pytest.raises(
         DataError, match=r"chosen on val objects, and rings has none; leave out --frontier and"
     ):
-        measure_frontier([replace(ENTRANT, graph=no_val)], [], split="test", **HOW)
+        EqualViews([replace(ENTRANT, graph=no_val)], [], **HOW).frontier("test")
