@@ -83,12 +83,13 @@ def with_moves(
     """
     names = tuple(chain.from_iterable(moves.values())) if isinstance(moves, Mapping) else tuple(moves)
     tables = move_tables(names, rigs)
+    stand = {rig: np.array(rig.cameras, np.float32) for rig in tables}
+    directions = np.concatenate([stand[rig] for rig in rigs])
     table, first = np.empty((len(graph.scene_of), len(names)), np.int32), 0
     for rig in rigs:
         own = tables[rig]
         table[first : first + len(own)] = np.where(own >= 0, own + first, -1)
         first += len(own)
     assert first == len(table)
-    directions = np.array([camera for rig in rigs for camera in rig.cameras], np.float32).reshape(-1, 2)
     graph = replace(graph, moves=table, move_names=names, move_branches=None, directions=directions)
     return graph.with_moves(moves)
